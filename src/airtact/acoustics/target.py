@@ -65,7 +65,7 @@ class Target:
     phases : (F,) requested phases of Re[p e^{−iωt}] [rad], from complex pressures or shares; None
         if these are real, so that the drive method chooses the phases.
     suppression_points : (Q, 3) points where the pressure is suppressed [m], at most 2 m from the
-        same origin; none by default.
+        origin of the obstacles' frame; none by default.
 
     Raises
     ------

@@ -218,8 +218,8 @@ def surface_points(
     ----------
     surface : the body.
     spacing : approximate distance between neighbours [m].
-    facing : (3,) direction that the side faces, a vector of any length above zero; or None for the
-        whole surface.
+    facing : (3,) direction that the covered side faces, a vector of any length above zero; or None
+        for the whole surface.
     within : largest angle between ``facing`` and the outward normal at the returned points
         [degrees]; ignored if ``facing`` is None.
 

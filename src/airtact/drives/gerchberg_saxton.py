@@ -74,9 +74,8 @@ def gs_pat(transfer: TransferMatrix, target: Target, *, iterations: int = 50) ->
 
     Returns
     -------
-    A ``Drive`` of E elements with equal amplitudes. They are at full scale or, if the target
-    requests pressures that a weaker drive reaches at all foci, at the lowest amplitude that reaches
-    them.
+    A ``Drive`` of E elements with equal amplitudes. All elements are at full scale or, if a weaker
+    drive reaches the requested pressures at all foci, at the lowest amplitude that does so.
 
     Raises
     ------

@@ -109,8 +109,8 @@ class HeadLevel:
     """Sound pressure level at a head 0.5 m from an array in open air.
 
     ``at(cap)`` returns the level of the loudest drive (the peak level) and that of the mean power
-    of all drives [dB SPL] if the amplitudes are limited to a cap (1 is full scale). Both are the
-    largest on a sphere around the middle of the array, 0.5 m outside the farthest element.
+    of all drives [dB SPL] if the amplitudes are limited to a cap (1 is full scale). Both levels are
+    the highest on a sphere around the middle of the array, 0.5 m outside the farthest element.
     ``safe_cap()`` returns 1 if the peak level at full scale is at most ``MAX_HEAD_LEVEL``, 110 dB
     SPL. Otherwise it returns a cap at which the peak level does not exceed this limit, usually
     about a tenth below the largest such cap. It raises ``InvalidInput`` if the boards cannot be

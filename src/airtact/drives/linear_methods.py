@@ -66,8 +66,8 @@ def phase_conjugate(transfer: TransferMatrix, target: Target) -> Drive:
     Returns
     -------
     A ``Drive`` of E elements with equal amplitudes, or 0 for elements at which the contributions of
-    the foci cancel. The amplitudes are at full scale or, if the target requests pressures that a
-    weaker drive reaches at all foci, at the lowest amplitude that reaches them.
+    the foci cancel. The amplitudes are at full scale or, if a weaker drive reaches the requested
+    pressures at all foci, at the lowest amplitude that does so.
 
     Raises
     ------

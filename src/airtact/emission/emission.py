@@ -228,7 +228,7 @@ class Emission:
         Parameters
         ----------
         drive : complex amplitudes of all elements.
-        wait : whether to wait for the end of the ramp; otherwise ``share`` shows its progress.
+        wait : whether to wait for the end of the ramp. ``share`` shows the progress of the ramp.
         at : time at which the drive takes effect, on the clock of ``time.monotonic`` [s]. It may be
             at most the link's ``lead`` in the future. During a ramp, and on links without a lead,
             the drive takes effect at once.

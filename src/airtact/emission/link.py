@@ -372,7 +372,7 @@ class RecordingLink(Link):
     Parameters
     ----------
     board : kind of board to imitate: "autd3", "sonicsurface", "nano16" or "openmpd".
-    boards : number of boards, from 1 to ``Board.max_boards`` of this kind.
+    boards : number of boards, from 1 to the ``max_boards`` of this kind of board.
 
     Attributes
     ----------

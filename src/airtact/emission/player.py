@@ -30,7 +30,7 @@ def suspended() -> float:
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of the playback: durations [s], log file, and whether a late call resumes it."""
+    """Playback settings: durations [s], log file, and whether a late call resumes playback."""
 
     ramp: float
     patience: float

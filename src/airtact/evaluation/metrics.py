@@ -234,9 +234,9 @@ def in_real_air(
     ----------
     pressures : (F,) pressures computed by linear acoustics [Pa].
     target : the F foci; those whose requested pressure or share is 0 are ignored.
-    steepening : nonlinear steepening at these foci; None if it was not estimated.
-    foci : a name for each focus. If there are several foci, the sentence names the one that it is
-        about, which is often not the weakest.
+    steepening : nonlinear steepening at the F foci; None if it was not estimated. foci : a name for
+        each focus. If there are several foci, the sentence names the one with the strongest
+        steepening, which is often not the weakest.
     """
     if steepening is None:
         return ()

@@ -375,7 +375,7 @@ class Microphone:
         Parameters
         ----------
         scene : the bodies.
-        centres : (N, 3) positions of the centre of the face [m].
+        centres : (N, 3) positions of the centre of the microphone's face [m].
         """
         centres = points_of(centres, "positions of a microphone", least=0)
         # A disc of 49 points: the centre, and rings at half the radius and at the rim.
@@ -397,7 +397,7 @@ class Microphone:
         Parameters
         ----------
         field : a field of S excitations.
-        centres : (N, 3) positions of the centre of the face [m].
+        centres : (N, 3) positions of the centre of the microphone's face [m].
         """
         centres = points_of(centres, "positions of a microphone", least=0)
         excitations = field.sources.strengths.shape[1]

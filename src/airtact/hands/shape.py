@@ -63,7 +63,7 @@ class HandShape(Shape):
 
     @staticmethod
     def following(hulls: Hulls, keyframe: "HandShape | None") -> "HandShape":
-        """Build a shape that uses the keyframe if the motion is small and no contact changes."""
+        """Build a shape, deformed from the keyframe if the motion is small and contacts persist."""
         if keyframe is not None and np.array_equal(hulls.apart, keyframe.hulls.apart):
             moved = motion(keyframe.hulls, hulls)
             # After a motion of more than 12 mm, a new mesh is generated instead.

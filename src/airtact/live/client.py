@@ -39,10 +39,10 @@ class Client:
 
     ``objects``, ``move`` and ``remove`` change the virtual objects of the live loop, ``foci``
     replaces this client's foci, and ``hands`` sends frames of hands. ``state`` and ``next_state``
-    return the loop's answers, each a ``StateMessage``. Use the client in a ``with`` block, whose
-    end removes its objects and foci. Foci are also removed if the client sends nothing for 0.5 s,
-    so repeat them or send any other message several times per second. The methods raise
-    ``InvalidInput`` with the code "link_failed" once the live loop has ended.
+    return the loop's answers, each a ``StateMessage``. Use the client in a ``with`` block; its
+    objects and foci are removed at the end of the block. Foci are also removed if the client sends
+    nothing for 0.5 s, so repeat them or send any other message several times per second. The
+    methods raise ``InvalidInput`` with the code "link_failed" once the live loop has ended.
 
     Parameters
     ----------

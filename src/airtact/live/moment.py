@@ -38,8 +38,8 @@ class Moment:
     Attributes
     ----------
     time : time at which the sound should be in the air, on the tracker's clock [s].
-    frame_time : timestamp of the newest tracker frame that the drive is based on, on the same clock
-        [s].
+    frame_time : timestamp of the newest tracker frame that the drive is based on, on the tracker's
+        clock [s].
     joints : (25, 3) joints of the hand in WebXR order, predicted for ``time`` [m]; None if the hand
         is lost. If both hands are followed, these are the joints of the hand ``LiveScene.side``.
     foci : (F, 3) foci predicted for ``time`` [m]; None if no hand is seen.
@@ -49,7 +49,7 @@ class Moment:
     rule : scattering that the drive accounts for: none ("distances"), by the last phalanges
         ("phalanges"), by the whole hand ("hand", or "carried" if the solution was moved from
         another pose), or by the skin near contacts ("contacts").
-    shape_age : age at ``time`` of the pose for which the scattering was solved [s]; None if no
+    shape_age : age at ``time`` of the pose for which the scattering was computed [s]; None if no
         solution was used.
     kept : expected pressure at the weakest focus, divided by the attainable pressure, which a drive
         computed for the exact hand would produce; None if unknown.

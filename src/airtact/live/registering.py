@@ -97,7 +97,7 @@ def elements_to_touch(array: PhasedArray, count: int = 6) -> tuple[int, ...]:
     Parameters
     ----------
     array : the transducers.
-    count : number of transducers to choose, from 3 to that of the array.
+    count : number of transducers to choose, from 3 to the number in the array.
 
     Returns
     -------

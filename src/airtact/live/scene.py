@@ -317,8 +317,8 @@ def hand_in(
 ) -> Hand:
     """Return the hand that has the given landmarks or joints [m].
 
-    By default, the hand has the side of the scene. The side is not checked again, because it was
-    checked when the frame was received.
+    By default, the hand is right or left as in the scene. The side is not checked again, because it
+    was checked when the frame was received.
     """
     joints = joints_of(landmarks)
     check_finger_order(joints)

@@ -69,8 +69,8 @@ class Session:
     rules, states : (N,) rule by which each drive was computed, and state of the live loop at that
         time, as in ``Moment.rule`` and ``Moment.state``.
     kept : (N,) expected fraction of attainable pressure, as in ``Moment.kept``; NaN where unknown.
-    shape_age : (N,) age of the solution of the scattering that each drive used, as in
-        ``Moment.shape_age`` [s]; NaN without a solution.
+    shape_age : (N,) age of the scattering solution that each drive used, as in ``Moment.shape_age``
+        [s]; NaN without a solution.
     foci : (N, F, 3) predicted foci [m]; NaN where the hand was lost or a drive has fewer foci.
     joints : (N, 25, 3) predicted joints of the hand in WebXR order [m]; NaN where it was lost.
     frame_time : (M,) timestamps of the tracker's frames [s].
@@ -565,7 +565,8 @@ def _scene_of(raw: Mapping[str, Any]) -> LiveScene:
     offsets = raw.get("offsets", np.zeros(0))
     if len(offsets) != len(places):
         raise InvalidInput(
-            f"there are {len(places)} places but {len(offsets)} offsets; write one per place.",
+            f"there are {len(places)} places but {len(offsets)} offsets; "
+            "write one offset per place.",
             code="sizes_differ",
         )
     for name in ("offsets", "hand/radii"):

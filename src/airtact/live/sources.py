@@ -41,8 +41,8 @@ class HandSource:
     Parameters
     ----------
     words : short description of the source, shown to the user.
-    tracker : pose that maps the tracker's coordinates to those of the scene; by default, both are
-        the same.
+    tracker : pose that maps the tracker's coordinates to those of the scene; by default, the
+        identity.
     world : ``World`` with the objects and foci that applications change by their messages; ``run``
         reads them from it. Empty by default.
 
@@ -187,8 +187,8 @@ class ReceivedHands(HandSource):
     Parameters
     ----------
     port : port to listen on; 0 selects a free port.
-    tracker : pose that maps the tracker's coordinates to those of the scene; by default, both are
-        the same.
+    tracker : pose that maps the tracker's coordinates to those of the scene; by default, the
+        identity.
     world : objects and foci that applications can change; empty by default.
     kind : protocol: "websocket", or "osc" for OSC over UDP.
 

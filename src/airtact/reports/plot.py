@@ -273,8 +273,8 @@ def reach(result: ReachMap, *, ax: Axes3D | None = None) -> Axes3D:
     ----------
     result : ``ReachMap`` of the largest pressures on the skin, as returned by the function
         ``airtact.reach``.
-    ax : axes of matplotlib with ``projection="3d"`` to draw into, whose view is not changed; by
-        default, those of a new figure, with the skin seen from the side of the array.
+    ax : Matplotlib axes with ``projection="3d"`` to draw into; their view is not changed. By
+        default, the axes of a new figure, which show the skin from the side of the array.
 
     Returns
     -------

@@ -142,7 +142,7 @@ def viewer_values(view: SceneView, chosen: tuple[int, int] = (0, 1)) -> dict[str
 
 
 def embedded(facts: dict[str, Any], numbers: bytes) -> dict[str, Any]:
-    """Return the template values that embed facts, binary numbers and three.js in a page."""
+    """Return the template values that embed ``facts``, ``numbers`` and three.js in a page."""
     three = three_js()
     return {
         # A "<" could end the script that contains the facts.

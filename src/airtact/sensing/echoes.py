@@ -44,7 +44,7 @@ Receivers = Int64[np.ndarray, "receivers"]
 class Echoes:
     """Coded transmissions of an array and the received pressures, at one frequency.
 
-    ``locate`` expects only the echoes: the received pressures minus those without a body.
+    ``locate`` expects only the echoes: the received pressures minus the pressures without bodies.
     ``calibrate`` expects the pressures received without a body.
 
     Attributes

@@ -140,7 +140,7 @@ def locate(
 
     Parameters
     ----------
-    echoes : coded transmissions, and the received pressures minus those without a body.
+    echoes : coded transmissions, and the received pressures minus the pressures without bodies.
     scene : the bodies in their own frame, the air and the frequency; or a ``ScatteringFamily`` of
         bodies with one unknown parameter, such as the gap of two fingers.
     array : the transducers in their own frame, in the same order as the codes.
@@ -529,7 +529,7 @@ def unexplained(
 
     Parameters
     ----------
-    echoes : ``Echoes`` of R receivers: measured pressures minus those without a body.
+    echoes : ``Echoes`` of R receivers: measured pressures minus the pressures without bodies.
     scattering : scattering matrix of the bodies.
     array : the transducers in their own frame, in the same order as the codes.
     pose : pose of the bodies in the array's frame, such as ``Located.pose``.

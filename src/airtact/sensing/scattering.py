@@ -225,11 +225,11 @@ def reaching_patterns(
     Each column contains the weights of the waves in one pattern. None is returned if most patterns
     reach the bodies.
 
-    Bodies fill only a part of the ball of the waves, so most patterns hardly reach the bodies. The
-    patterns are eigenvectors of the matrix that determines the mean square pressure of a pattern on
-    and below the surfaces. Points below the surfaces are included because, at an interior
-    resonance, a wave vanishes on the surfaces. Patterns with an rms pressure below ``smallest``
-    times the largest are omitted.
+    The bodies fill only a part of the ball around them, so most patterns hardly reach the bodies.
+    The patterns are eigenvectors of the matrix that determines the mean square pressure of a
+    pattern on and below the surfaces. Points below the surfaces are included because, at an
+    interior resonance, a wave vanishes on the surfaces. Patterns with an rms pressure below
+    ``smallest`` times the largest are omitted.
     """
     points = _points_of(scene) - centre
     squares = np.zeros((wave_count(order), wave_count(order)), dtype=np.float32)

@@ -388,7 +388,8 @@ def calibrate(
     Returns
     -------
     A ``Calibrated`` with the corrected array, the gains and the sound speed, and their uncertainty.
-    Use it only if its attribute ``converged`` is True; errors beyond those above may lead to False.
+    Use it only if its attribute ``converged`` is True. It may be False if the poses or the sound
+    speed are wrong by more than stated above.
 
     Raises
     ------

@@ -56,7 +56,7 @@ class Contender:
     suppression_points : (Q,) peak pressure of ``emitted`` at each suppression point [Pa].
     seconds : computing time of the method, without the solve for the transfer matrix [s].
     kept : pressure that the weakest focus exceeds in 9 out of 10 samples of the setup's
-        ``uncertainty``, computed from ``emitted`` [Pa]; None if the setup has none.
+        ``uncertainty``, computed from ``emitted`` [Pa]; None if the setup has no uncertainty.
     """
 
     name: str
@@ -247,10 +247,10 @@ def compare(
     - A setup and ``drives``, for example from another program: they are compared with the drive of
       the method "best", and each with a corrected version of itself, whose phases differ as little
       as possible but whose weakest focus reaches 95 % of the upper bound on its pressure for drives
-      with the same amplitudes (see ``nearest_drive``). A drive that already does has no corrected
-      version. If these amplitudes keep the focus below 94 % of the bound for drives with the same
-      largest amplitude, for example because elements are silent, all elements of the corrected
-      version emit at full scale.
+      with the same amplitudes (see ``nearest_drive``). A drive that already reaches this pressure
+      has no corrected version. If these amplitudes keep the focus below 94 % of the bound for
+      drives with the same largest amplitude, for example because elements are silent, all elements
+      of the corrected version emit at full scale.
     - A ``Scene``, ``array``, ``drives``, ``target`` and ``solver``: the drives are compared as they
       are, by ``evaluation.compare``.
 

@@ -60,8 +60,8 @@ class Explanation:
     ----------
     foci : names of the F foci.
     causes : the ``Cause`` objects in the order in which they are added, each with the pressures at
-        the foci after it. The first contains the reference: the largest pressure that the array,
-        with all elements nominal, can produce anywhere in open air.
+        the foci once it is added. The first contains the reference: the largest pressure that the
+        array, with all elements nominal, can produce anywhere in open air.
     advice : sentence on the change that would increase the pressure at the weakest
         focus most.
     weakest : index of the focus that is weakest relative to its request.

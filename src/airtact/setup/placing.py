@@ -63,8 +63,8 @@ class Layout:
     weakest : peak pressure at the weakest focus [Pa], with all elements at full scale, in the worst
         of the poses of the hand that were passed to ``place``, or else in that of the setup. With
         the objective "lowest_tenth", it is the pressure that the weakest focus exceeds in nine
-        poses out of ten. The pressure at each focus is divided by its requested pressure or share
-        as a fraction of the largest; foci whose request is 0 are ignored.
+        poses out of ten. The pressure at each focus is divided by the ratio of its request
+        (pressure or share) to the largest request; foci whose request is 0 are ignored.
     single : transducers of a single board, in the frame of the board; ``array`` combines all.
     """
 

@@ -339,8 +339,8 @@ def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> 
     Parameters
     ----------
     computed : drive and setup, as returned by ``compute``.
-    clock : ``Clock`` that records how long each step takes, the one that was passed to ``compute``;
-        its times become ``Rendering.seconds``.
+    clock : the ``Clock`` that was passed to ``compute``. It also records the time of each step of
+        the verification, and its times become ``Rendering.seconds``.
     store : folder in which solved fields are stored and reused; by default, fields are not stored.
 
     Returns

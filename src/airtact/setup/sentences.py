@@ -32,7 +32,7 @@ MAX_SKIN_DISTANCE = 10e-3
 
 
 def with_skin(setup: Setup) -> Bool[np.ndarray, "foci"]:
-    """Return whether there may be skin at each focus: near a body, or anywhere in open air."""
+    """Return a mask of the foci that may be on skin: those near a body, or all foci in open air."""
     points = setup.target.points
     skin = np.arange(len(points)) >= setup.lobes
     if setup.scene.obstacles:

@@ -36,8 +36,8 @@ class Setup:
     target : the F foci.
     solver : solver that computes the fields; by default, ``BoundaryElement`` with ``accuracy``, or
         ``FreeField`` without bodies.
-    accuracy : requested relative error of the fields; by default, that of the solver if it has one,
-        else 0.01.
+    accuracy : requested relative error of the fields; by default, the accuracy of ``solver`` if it
+        has one, else 0.01.
     method : name of the method that computes the drive, a key of ``drives.METHODS``; "best" by
         default.
     levels : ``Levels`` of amplitude and phase to which the drive is rounded; by default, 256 of
@@ -59,7 +59,7 @@ class Setup:
     contacts : ``Contacts`` of the bodies with the objects if the contacts define the foci, else
         None.
     tracker : pose that maps the coordinates of a live hand's tracker to those of the scene; by
-        default, both are the same.
+        default, the identity.
     left_out : planes behind the boards, which are removed from ``scene`` because no sound reaches
         them. This attribute is not a parameter.
     path, text : path and content of the scene file, if the setup was read from one; else None and

@@ -36,7 +36,7 @@ class ContactArrays(NamedTuple):
         piece. The numbers are not consecutive.
     deepest : (C,) index in ``Skin.points`` of the deepest of the contact's skin points.
     members : for each contact, the indices in ``Skin.points`` of its skin points, deepest first.
-    member_depths : for each contact, the depths of its skin points in the same order [m].
+    member_depths : for each contact, the depths of its skin points in the order of ``members`` [m].
     """
 
     points: Float64[np.ndarray, "contacts 3"]

@@ -81,7 +81,7 @@ class Trap:
     sound_speed: float = 900.0
 
     def lobes(self, wavelength: float) -> Float64[np.ndarray, "lobes 3"]:
-        """Return points (L, 3) [m] on the lobes around the bead; L is 2 or 4 (vortex)."""
+        """Return a point on each lobe (L, 3) [m]: 2 for a twin trap, 4 for a vortex."""
         check_choice(self.kind, "the kind of trap", ("twin", "vortex"))
         axis = direction_of(self.axis, "the axis of a trap")
         ways = np.stack([axis, -axis])
@@ -147,7 +147,7 @@ def merged(traps: Collection[Trap], target: Target) -> Target:
     Parameters
     ----------
     traps : the traps, in the order in which they were passed to ``target_of``.
-    target : a target that begins with the lobes of these traps.
+    target : a target that begins with the lobes of ``traps``.
 
     Returns
     -------

@@ -130,8 +130,8 @@ def evened(
 def turn_sizes(mesh: RidgedMesh, largest: float, reach: float, turn: float) -> VertexSizes:
     """Return, at each vertex, the edge length [m] over which the surface turns by ``turn`` [rad].
 
-    The curvature of a triangle is the largest change of the vertex normals per length. Its mean
-    within ``reach`` [m] does not contain the kinks of a coarse mesh. The result is at most
+    The curvature of a triangle is the largest change of the vertex normals per length. It is
+    averaged within ``reach`` [m] to smooth out the kinks of a coarse mesh. The result is at most
     ``largest`` [m].
     """
     corners = mesh.vertices[mesh.triangles]

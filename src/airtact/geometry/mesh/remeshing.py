@@ -229,8 +229,8 @@ def bend_sizes(
 
     The radius of a bend is estimated from pairs of triangles whose normals differ by 75 to 150
     degrees and that lie on a common arc. Pairs across a sharp edge (``ridges``) are ignored. The
-    result is ``factor`` times this radius and at most ``largest``. ``factor`` is below 1 if panels
-    must be closer to the surface.
+    result is ``factor`` times the radius of the bend and at most ``largest``. ``factor`` is below 1
+    if panels must be closer to the surface.
     """
     corners = vertices[triangles]
     centres = corners.mean(axis=1)

@@ -162,7 +162,7 @@ def smallest_angles(panels: QuadraticTriangles) -> PanelSizes:
 def cut(
     panels: QuadraticTriangles, parts: Int[np.ndarray, "panels"]
 ) -> tuple[Pieces, Int64[np.ndarray, "_"]]:
-    """Divide each panel into ``parts``² pieces, and return the index of each piece's panel."""
+    """Divide each panel into ``parts``² pieces; return them and the index of each piece's panel."""
     parents = np.repeat(np.arange(len(parts)), parts * parts)
     pieces = panels[parents]
     for count in np.flatnonzero(np.bincount(parts)).tolist():
@@ -250,7 +250,7 @@ def edge_twins(triangles: AnyTriangles) -> Twins:
 
 
 def edge_keys(triangles: AnyTriangles) -> Triangles:
-    """Return a number for each edge 01, 12, 20 that identifies its two vertices in any order."""
+    """Return a number for each edge 01, 12, 20 that identifies its vertices in either order."""
     start = triangles.astype(np.int64)
     end = np.roll(start, -1, axis=1)
     count = int(triangles.max()) + 1 if triangles.size else 1

@@ -175,7 +175,7 @@ def population_prior(joints: Joints) -> HandAnatomy:
 
 
 class Rules(NamedTuple):
-    """Residuals of priors, divided by their standard deviations, and the derivatives.
+    """Residuals of the priors, divided by their standard deviations, and their derivatives.
 
     Attributes
     ----------
@@ -254,7 +254,7 @@ def usual_last_bones(joints: Joints, axes: Axes) -> Float64[np.ndarray, "4 3"]:
 
 
 def bend_rules(joints: Joints, axes: Axes, usual: Float64[np.ndarray, "4 3"]) -> Rules:
-    """Return the prior residuals for bends and planes of fingers, and for their last bones.
+    """Return the residuals of the priors on the bends, planes and last bones of the fingers.
 
     Of the 52 residuals, 14 are for backward bends, 14 for excessive bends, 8 for middle and last
     phalanges out of the plane of the first, 4 for sideways turns, and 12 for the directions of 4
@@ -326,7 +326,7 @@ def _by_joints(
 def landmark_pull(
     off: Joints, spread: Float64[np.ndarray, "25"]
 ) -> tuple[Float64[np.ndarray, "25"], float]:
-    """Return weights [1/m] of landmarks with errors ``off`` (25, 3) [m], and twice their cost.
+    """Return the weights [1/m] for landmark errors ``off`` (25, 3) [m], and twice their cost.
 
     The errors have a Cauchy distribution of width ``spread`` (25,) [m]. For weights w, the gradient
     of twice the cost is 2 w² ``off``.

@@ -116,7 +116,7 @@ class ArticulatedHand:
     time : time of the estimate [s].
     joints : (25, 3) estimated joints [m].
     rates : (26,) rates of the degrees of freedom ``MOVING`` [m/s, rad/s].
-    accelerations : (26,) accelerations of these degrees of freedom [m/s², rad/s²].
+    accelerations : (26,) accelerations of the degrees of freedom ``MOVING`` [m/s², rad/s²].
     covariance : (138, 138) covariance of the degrees of freedom, the rates and the accelerations.
     """
 

@@ -47,8 +47,8 @@ class FaultyFrame(InvalidInput):
     Attributes
     ----------
     fault : reason for the rejection, such as "unreadable" or "mirrored", which is also the ``code``
-        of the error. ``StreamHealth`` has one attribute for each reason, which explains it and
-        counts its frames: for example, ``StreamHealth.mirrored`` for "mirrored".
+        of the error. ``StreamHealth`` explains each reason, and counts the frames rejected for it
+        in an attribute of the same name, such as ``StreamHealth.mirrored``.
     """
 
     def __init__(
@@ -136,7 +136,7 @@ class HandFrame:
 
         Parameters
         ----------
-        pose : pose of the tracker in the other frame of reference.
+        pose : pose of the tracker in the new frame of reference.
         """
         landmarks = None if self.landmarks is None else pose.apply(self.landmarks)
         cloud = None if self.cloud is None else pose.apply(self.cloud)

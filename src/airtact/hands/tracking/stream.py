@@ -46,7 +46,7 @@ class StreamHealth:
 
     Attributes
     ----------
-    received : number of frames and other messages.
+    received : number of received messages, whether or not they are valid frames.
     used : number of valid frames, including those that report a lost hand.
     lost : number of times a hand was lost, as reported by the tracker or inferred from a pause.
     unreadable : number of messages that are not frames.
@@ -358,7 +358,7 @@ class HandStream:
             skipped = step - 1 if step <= MAX_JUMP else 0
             return frame if time == frame.time else replace(frame, time=time), skipped
         if (frame.sequence, frame.time) in hand.recent:
-            raise FaultyFrame("repeated", f"{name} was already received; send it once.")
+            raise FaultyFrame("repeated", f"{name} was already received; send each frame once.")
         # A restarted tracker restarts its numbers and times. Stray old frames are rarely in order.
         if hand.stale:
             number, taken, _ = hand.stale[-1]

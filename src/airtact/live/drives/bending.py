@@ -324,7 +324,7 @@ class BendingPanels:
         return np.concatenate([np.repeat(panel_weights, 6, axis=0), self._inside_weights])
 
     def solved(self, posed: PosedHand, time: float) -> SkinSources:
-        """Solve the scattering by the hand in another pose, predicted for ``time`` [s].
+        """Compute the scattering by the hand in another pose, predicted for ``time`` [s].
 
         Raises
         ------
@@ -382,7 +382,7 @@ class BendingPanels:
         return part
 
     def received(self, posed: PosedHand, sources: Monopoles, residual: float) -> DirectSolution:
-        """Solve the scattering in another pose for sources away from the skin.
+        """Compute the scattering in another pose for sources away from the skin.
 
         The method requires all panels of the hand, so ``min_seen`` must be 0.
         """
@@ -456,7 +456,7 @@ class BendingHand:
         self._solutions: Sequence[SkinSources] = ()
 
     def solved(self, joints: Joints, time: float) -> SkinSources:
-        """Solve the scattering by a hand with joints (25, 3) at a given time [s].
+        """Compute the scattering by a hand with joints (25, 3) at a given time [s].
 
         This method raises ``InvalidInput`` if the joints do not form a hand or a focus lies inside
         the hand, and ``NotConverged`` if the iteration does not converge.
@@ -465,7 +465,7 @@ class BendingHand:
         return self._panels_for(posed).solved(posed, time)
 
     def received(self, joints: Joints, sources: Monopoles, residual: float) -> DirectSolution:
-        """Solve the scattering for sources away from the skin, to a given relative residual."""
+        """Compute the scattering for sources away from the skin, to a given relative residual."""
         posed = pose_hand(self._scene, joints)
         return self._panels_for(posed).received(posed, sources, residual)
 

@@ -59,7 +59,7 @@ class HandFactors:
     ----------
     part : part of the hand for which the solution was computed.
     time : time of the predicted pose, on the tracker's clock [s].
-    foci, distances, directions : attributes of the ``PosedHand`` for which it was computed.
+    foci, distances, directions : attributes of the ``PosedHand`` of the predicted pose.
     factors : (P, R) ratio of the pressure with the hand to that in open air, for each source at
         each of ``beacon_points``.
     share : expected pressure with this solution, divided by that with a new solution for the same
@@ -137,7 +137,7 @@ def _surface(shape: HandShape, edge: float) -> Surface:
 
 
 def solved(scene: LiveScene, joints: Joints, part: Rule, time: float) -> HandFactors:
-    """Solve the scattering by a part of a hand, with beacons (virtual sources) at a scene's foci.
+    """Compute the scattering by a part of a hand, with beacons (virtual sources) at a scene's foci.
 
     Parameters
     ----------
@@ -207,7 +207,7 @@ class RigidParts:
         self._solver = solver.factorised(air, refined=self._reference.foci)
 
     def solved(self, joints: Joints, time: float) -> HandFactors:
-        """Solve the scattering by the rigid bodies, posed by the joints (25, 3) at ``time`` [s]."""
+        """Compute the scattering by the rigid bodies, posed by joints (25, 3) at ``time`` [s]."""
         scene = self._scene
         posed = pose_hand(scene, joints)
         # Running mean of the bone lengths, which ``outgrown`` compares with the bodies.
@@ -236,7 +236,7 @@ class RigidParts:
 
 
 class PartSolver:
-    """Solver for scattering by parts of a hand, with rigid last phalanges unless they touch.
+    """Solver for scattering by parts of a hand; last phalanges are rigid unless they touch.
 
     Parameters
     ----------
@@ -250,7 +250,7 @@ class PartSolver:
         self._bent: list[BentPanels] = []  # the newest ones first
 
     def solved(self, joints: Joints, part: Rule, time: float) -> HandFactors:
-        """Solve the scattering by part of a hand, as rigid bodies if possible, else as one mesh.
+        """Compute the scattering by part of a hand, as rigid bodies if possible, else as a mesh.
 
         ``time`` is the time of the pose, on the tracker's clock [s].
         """
@@ -262,7 +262,7 @@ class PartSolver:
         return self.meshed(joints, part, time)
 
     def meshed(self, joints: Joints, part: Rule, time: float) -> HandFactors:
-        """Solve the scattering by a part of the hand as a single body.
+        """Compute the scattering by a part of the hand as a single body.
 
         If possible, the mesh is moved from the previous pose.
         """

@@ -20,7 +20,7 @@ from airtact.live.scene import Joints, LiveScene, pose_hand
 
 
 def solved_for(scene: LiveScene) -> list[Rule]:
-    """Return the parts of the hand for which separate processes solve the scattering."""
+    """Return the parts of the hand for which separate processes compute the scattering."""
     # With three foci, or with one at the palm, scattering by other fingers and the palm matters.
     many = len(scene.places) >= 3 or "palm" in scene.places
     return ["carried"] if many and scene.moving is None else ["phalanges", "hand"]
@@ -65,9 +65,9 @@ class HandAware(SolvingMaker):
     calls ``close`` at the end. A Kalman filter predicts the hand for the time at which the sound
     arrives.
 
-    Solver processes continuously solve the scattering of the newest poses. Each solution is stored
-    as factors: the ratio of each entry of the transfer matrix with the hand to that in open air.
-    For a drive, the open-air matrix of the predicted pose is multiplied by the factors of the
+    Solver processes continuously compute the scattering for the newest poses. Each solution is
+    stored as factors: the ratio of each entry of the transfer matrix with the hand to that in open
+    air. For a drive, the open-air matrix of the predicted pose is multiplied by the factors of the
     stored pose that is most similar to it. If all stored poses are so different that the open-air
     matrix alone is expected to produce a larger pressure, the factors are omitted. The solvers
     pause while the tracker's noise is so large that no solution can increase the pressure.

@@ -46,7 +46,7 @@ class Round:
     Attributes
     ----------
     points : (N, 3) position of the focus in each of the N frames [m].
-    outlines : outline along which the focus runs in each frame.
+    outlines : for each frame, the outline along which the focus runs.
     rate : frames per second.
     """
 

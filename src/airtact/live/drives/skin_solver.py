@@ -33,7 +33,7 @@ Owners = Int64[np.ndarray, "points"]
 
 @dataclass(frozen=True, eq=False)
 class SkinRequest:
-    """Request to solve the scattering for beacons, which are virtual sources at points on hands.
+    """Request to compute the scattering for beacons, which are virtual sources at points on hands.
 
     Attributes
     ----------
@@ -140,7 +140,7 @@ class SkinSolver:
     def solved(
         self, asked: tuple[SkinRequest, Mapping[Side, Joints]], time: float
     ) -> SkinFactors | None:
-        """Solve the scattering for the beacons of a request in a predicted pose.
+        """Compute the scattering for the beacons of a request in a predicted pose.
 
         ``asked`` is a result of ``SkinRequest.after``, and ``time`` is the time of the predicted
         pose [s].

@@ -28,7 +28,7 @@ RETRY_PAUSE = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Request:
-    """Request to solve the scattering by a hand.
+    """Request to compute the scattering by a hand.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class Request:
 
 
 class SolverProcess:
-    """Low-priority process that solves the scattering by a part of the newest hand.
+    """Low-priority process that computes the scattering by a part of the newest hand.
 
     ``ask`` passes the newest hand to the process, and ``solutions`` returns the results so far. All
     methods return at once.
@@ -99,7 +99,7 @@ class SolverProcess:
 def solve_hands(
     mailbox: Mailbox, send: Callable[[object], None], scene: LiveScene, part: Rule
 ) -> None:
-    """Repeatedly solve the scattering by a part of the newest hand, until no more hands arrive."""
+    """Repeatedly compute the scattering by a part of the newest hand, until no more arrive."""
     # Phalanges and carried solutions are urgent, but whole hands are not.
     give_way(15 if part == "hand" else 5)
     if part == "contacts":

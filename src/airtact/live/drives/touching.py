@@ -109,8 +109,8 @@ class TouchAware(SolvingMaker):
         estimated from the frames.
     agility : standard deviation of the acceleration of the palm, for the prediction of its motion
         [m/s²]; by default 0.5.
-    solvers : processes that solve the scattering by skin; by default, a single one. With an empty
-        sequence, scattering is ignored, and phases are set from path lengths alone.
+    solvers : processes that compute the scattering by skin; by default, a single one. With an
+        empty sequence, scattering is ignored, and phases are set from path lengths alone.
     rest : the hand that will be followed, in any pose. Passing this hand avoids a delay of half a
         second before the first sound, because its skin is meshed in advance.
 

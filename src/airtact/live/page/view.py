@@ -238,7 +238,7 @@ def packed(facts: dict[str, Any], arrays: dict[str, np.ndarray]) -> bytes:
 
 
 def fixed_facts(scene: LiveScene) -> tuple[dict[str, Any], bytes]:
-    """Return the facts and packed arrays that never change, for the template of the page."""
+    """Return the values and packed arrays that never change, for the template of the page."""
     moving = scene.moving
     if moving is not None:
         modulation = moving.words
@@ -259,7 +259,7 @@ def fixed_facts(scene: LiveScene) -> tuple[dict[str, Any], bytes]:
 
 
 def array_facts(array: PhasedArray, planes: Sequence[Plane]) -> tuple[dict[str, Any], bytes]:
-    """Return the facts and packed arrays that show transducers and rigid planes in 3-D."""
+    """Return the values and packed arrays with which a page draws transducers and planes."""
     middle = expected_middle(array)
     # A hand extends about 0.15 m from its foci.
     hand = middle + 0.15 * np.concatenate([np.eye(3), -np.eye(3)])

@@ -378,7 +378,7 @@ class BoardField(RadiatedField):
 
     Attributes
     ----------
-    scene : scene with the other bodies.
+    scene : scene without the boards.
     boards : scene with only the boards.
     around : field whose sources are the elements and the boards.
     reach : distance from a board within which the field is unknown [m].
@@ -402,7 +402,7 @@ class BoardField(RadiatedField):
         return pressure
 
     def report_at(self, points: Points) -> SolveReport:
-        """Return the report of this field, with the error and warnings of ``around`` at points."""
+        """Return the report of this field, with the error and warnings of the field ``around``."""
         report = self.around.report_at(points)
         warnings = dict.fromkeys((*self.report.warnings, *report.warnings))  # without duplicates
         return replace(

@@ -171,7 +171,7 @@ class Tetrahedra:
         return (along[:, :3] - along[:, 3:]).transpose(0, 2, 1)
 
     def smallest_stretch(self) -> tuple[float, int]:
-        """Smallest ratio of curved to straight volume element, and the index of its tetrahedron.
+        """Smallest ratio of curved to straight volume at a point, and its tetrahedron's index.
 
         A tetrahedron with a ratio of 0 or less is folded. The ratio is evaluated at points shifted
         15 % inward from the corners and midpoints. At an edge where two faces of a tetrahedron lie
