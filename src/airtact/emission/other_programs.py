@@ -286,7 +286,7 @@ def _ultraino(path: Path, data: bytes) -> DriveFile:
 
 
 def _fields(root: ElementTree.Element) -> dict[tuple[str, str], float]:
-    """Return the numbers that are set, keyed by the names of the object and its field."""
+    """Return the numbers set in Java beans, keyed by the names of the object and its field."""
     fields = {}
     for entry in root.iter("void"):
         setting = entry.find("void[@method='set']")

@@ -244,7 +244,7 @@ def stage_facts(
     sheets: Sequence[Float64[np.ndarray, "4 3"]],
     views: Mapping[str, View],
 ) -> tuple[dict[str, Any], bytes]:
-    """Return the data of any 3-D scene on a page: facts as a dictionary, and arrays as bytes.
+    """Return the data of any 3-D scene on a page: values as a dictionary, and arrays as bytes.
 
     Parameters
     ----------

@@ -368,7 +368,7 @@ class _Fit:
         return np.array([1.0] * 3 + [1.0 / self.model.scattering.radius] * 3 + of_opening)
 
     def other_starts(self) -> Iterator[OptimizeResult]:
-        """Minimise the residual from other poses, in order of their cost, until one matches."""
+        """Minimise the residual from other start poses, by increasing cost, until one matches."""
         reach = np.repeat([6e-3, np.radians(9.0)], 3)
         middle = np.zeros(6)
         if self.family is not None:

@@ -194,7 +194,7 @@ def _steepening(
     points: Float64[np.ndarray, "foci 3"],
     pressures: Float64[np.ndarray, "foci"],
 ) -> Float64[np.ndarray, "3 foci"]:
-    """Return the steepening at the foci of a drive, by attribute; 0 for a silent drive."""
+    """Return ``second``, ``depletion`` and ``doubt`` at the foci of a drive; 0 if it is silent."""
     if not (setup.array.gains * drive).any():
         return np.zeros((3, len(points)))
     sources = drive_sources(setup.array, [Drive(drive)], setup.scene)

@@ -51,7 +51,7 @@ class ContactArrays(NamedTuple):
     member_depths: tuple[Float64[np.ndarray, "_"], ...]
 
     def chosen(self, indices: Int64[np.ndarray, "_"]) -> "ContactArrays":
-        """Return only the contacts with these indices."""
+        """Return only the contacts with the given indices."""
         arrays = {name: getattr(self, name)[indices] for name in self._fields[:-2]}
         return self._replace(
             **arrays,

@@ -312,7 +312,7 @@ class ArticulatedHand:
 
 
 def _shares(step: float) -> tuple[float, float, float]:
-    """Return what an acceleration adds to a shift [s²] and to a rate [s], and its decay factor."""
+    """Return the factors of an acceleration in a shift [s²] and a rate [s], and of its decay."""
     remaining = float(np.exp(-step / MEMORY))
     of_rate = MEMORY * (1.0 - remaining)
     return MEMORY * (step - of_rate), of_rate, remaining

@@ -318,7 +318,7 @@ class TouchAware(SolvingMaker):
     def _place_of(
         self, wanted: WantedFocus, seen: Mapping[Side, _TrackedHand], controls: Controls
     ) -> tuple[Point, Side | None]:
-        """Return the position of a requested focus [m], and the side of the hand it is on, if any.
+        """Return the position of a requested focus [m], and which hand it is on, if any.
 
         Raises
         ------

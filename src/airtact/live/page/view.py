@@ -225,7 +225,7 @@ def _placed(pose: Pose | None) -> dict[str, list[float]]:
 
 
 def packed(facts: dict[str, Any], arrays: dict[str, np.ndarray]) -> bytes:
-    """Pack facts (numbers and texts) and arrays for a page.
+    """Pack values (numbers and texts) and arrays for a page.
 
     The result contains the number of bytes of the facts, the facts as JSON, and the arrays.
     """

@@ -206,7 +206,7 @@ def _far_monopoles(
     tolerance: float,
     kind: type[np.complexfloating],
 ) -> FarMonopoles:
-    """Select a few monopoles of the rows that radiate the same field beyond one wavelength."""
+    """Select a few of the rows' monopoles that reproduce their field beyond one wavelength."""
     reach = 2 * np.pi / surface.wavenumber.real
     candidates = _row_points(surface, rows)
     points = _proxies(surface.nodes, tree, reach)
@@ -265,7 +265,7 @@ def _error_check(
 
 
 def _proxies(nodes: Nodes, tree: KDTree, reach: float) -> Proxies:
-    """Place monopoles at ``reach`` from every node, and 2.5 times as far from every second node."""
+    """Place monopoles ``reach`` [m] from every node, and 2.5 times as far from every second node."""
     inner = nodes.points + reach * nodes.normals
     outer = nodes.points[::2] + 2.5 * reach * nodes.normals[::2]
     everywhere = np.concatenate([inner, outer])

@@ -267,7 +267,7 @@ class DirectSolution:
         nodal: bool = False,
         coarse: bool = False,
     ) -> Pressures:
-        """Return the total or scattered pressure [Pa].
+        """Return the total or scattered pressure [Pa] at points.
 
         Parameters
         ----------

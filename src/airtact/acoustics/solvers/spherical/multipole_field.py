@@ -150,7 +150,7 @@ class MultipoleField(RadiatedField):
         )
 
     def _expanded(self, points: Vectors) -> Mask:
-        """Return which points are before all planes and, with their images, outside the spheres."""
+        """Return a mask of points before all planes and, with their images, outside the spheres."""
         planes = self.scene.planes
         offsets = images_in(planes, points) - self.spheres.centre
         outside = np.einsum("pd,pd->p", offsets, offsets) >= self.spheres.radius**2
