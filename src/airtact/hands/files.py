@@ -162,7 +162,8 @@ def load_rigged_hand(path: str | Path, scale: float = 1.0, side: Side | None = N
         if missing:
             listed = ", ".join(missing[:3]) + (", ..." if len(missing) > 3 else "")
             raise InvalidInput(
-                f"{len(missing)} of the 25 joints of WebXR are missing ({listed}).",
+                f"{len(missing)} of the 25 joints of WebXR are missing ({listed}): give the nodes "
+                "of the joints their WebXR names.",
                 code="joint_missing",
             )
         return hand_from_joints(scale * np.array([nodes[name] for name in NAMES]), side=side)

@@ -86,7 +86,7 @@ def _check_text(text: str) -> None:
         parts = 0 if re.search(r"[\n=,\[\]{}]", word) else parts + 1
         if parts >= 32:
             raise InvalidInput(
-                "a key has more than 32 parts separated by dots.", code="file_too_large"
+                "a key has more than 32 parts separated by dots: use fewer.", code="file_too_large"
             )
 
 

@@ -124,7 +124,8 @@ def sweep(
         function = scene_points(function)
     if not callable(function):
         raise InvalidInput(
-            f"the function of a sweep is {function!r}, which is not callable.", code="wrong_kind"
+            f"the function of a sweep must be callable, but it is {function!r}.",
+            code="wrong_kind",
         )
     rows = _checked_points(points)
     # This also checks the paths of keys, so do it before creating the folder.

@@ -128,7 +128,8 @@ class PhasedArray:
         check_finite(gains, "element gains")
         if not gains.any():
             raise InvalidInput(
-                "all elements are dead: their gains are 0, so nothing would be emitted.",
+                "the gains of all elements are 0, so nothing would be emitted. Use another gain "
+                "for at least one element.",
                 code="all_zero",
             )
         gains.flags.writeable = False

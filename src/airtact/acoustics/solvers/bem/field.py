@@ -288,7 +288,7 @@ class BoundaryField(RadiatedField):
         return np.sqrt(squares.sum(axis=0)) / np.where(size > 0, size, 1)
 
     def _errors(self, points: Vectors) -> tuple[Float64[np.ndarray, "points excitations"], ...]:
-        """Return the squared error [Pa²] and pressure [Pa] away from the surface; NaN if unknown."""
+        """Return squared error [Pa²] and pressure [Pa] away from the surface; NaN if unknown."""
         if self.pressure is None or self.density is None:
             unknown = np.full((len(points), self.excitations), np.nan)
             return unknown, unknown

@@ -265,7 +265,7 @@ def _error_check(
 
 
 def _proxies(nodes: Nodes, tree: KDTree, reach: float) -> Proxies:
-    """Place monopoles ``reach`` [m] from every node, and 2.5 times as far from every second node."""
+    """Place monopoles ``reach`` above all nodes, and 2.5 times as high above every second node."""
     inner = nodes.points + reach * nodes.normals
     outer = nodes.points[::2] + 2.5 * reach * nodes.normals[::2]
     everywhere = np.concatenate([inner, outer])
