@@ -240,10 +240,10 @@ def compare(
 ) -> Comparison:
     """Compare the pressures that several drives produce at the foci, with a single solve.
 
-    The drives are compared with three normalisations: with the strongest element of each drive at
-    full scale ("equal peak"), with the same sum of squared amplitudes, as large as full scale
-    allows for all drives ("equal energy"), and with the phases of each drive and every active
-    element at full scale ("phase only").
+    The drives are compared with three normalisations. With "equal peak", the strongest element of
+    each drive is at full scale. With "equal energy", all drives have the same sum of squared
+    amplitudes, as large as full scale allows for all of them. With "phase only", every active
+    element is at full scale, with the phase of the drive.
 
     Parameters
     ----------

@@ -58,11 +58,10 @@ class Calibrated:
     motions : B poses that map the assumed positions of each board's elements to the estimated ones,
         in the array's frame. Board 0 does not move, because a motion of the whole array cannot be
         measured.
-    emission, reception : (E,) complex factors of the pressure that an element emits and of the one
-        that it reports, relative to an element with the nominal sensitivity; 0 for dead elements,
-        and 1 in ``reception`` for elements that do not receive. Only their products can be
-        measured, so both are scaled to the same mean (with two boards, separately for each
-        direction).
+    emission, reception : (E,) complex factors of the emitted and of the reported pressure of each
+        element, relative to an element with the nominal sensitivity; 0 for dead elements, and 1 in
+        ``reception`` for elements that do not receive. Only their products can be measured, so both
+        are scaled to the same mean (with two boards, separately for each direction).
     covariance : (6 B − 5, 6 B − 5) covariance for boards 1 to B − 1 and for the sound speed [m/s],
         which comes last. The six entries of a board are the translation of its centre [m] and a
         small rotation about the centre [rad], along the array's axes.

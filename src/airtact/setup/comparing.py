@@ -245,8 +245,8 @@ def compare(
     - A setup: every method computes a drive from the same transfer matrix. The method chosen in the
       setup is ignored. A method that fails is skipped, and a warning in the result states why.
     - A setup and ``drives``, for example from another program: they are compared with the drive of
-      the method "best", and each with a corrected version of itself, whose phases differ as little
-      as possible but whose weakest focus reaches 95 % of the upper bound on its pressure for drives
+      the method "best", and each with a corrected version of itself. The phases of this version
+      differ as little as possible, but its weakest focus reaches 95 % of the upper bound for drives
       with the same amplitudes (see ``nearest_drive``). A drive that already reaches this pressure
       has no corrected version. If these amplitudes keep the focus below 94 % of the bound for
       drives with the same largest amplitude, for example because elements are silent, all elements

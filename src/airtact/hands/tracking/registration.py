@@ -101,9 +101,9 @@ def register(
 
     Returns
     -------
-    A ``Registration`` that contains the pose ``tracker``, which maps the tracker's coordinates,
-    multiplied by ``scale``, to those of the scene, its standard deviations ``position_error`` and
-    ``angle_error``, and the ``residuals`` of all touches.
+    A ``Registration`` that contains the pose ``tracker``, its standard deviations
+    ``position_error`` and ``angle_error``, and the ``residuals`` of all touches. The pose maps the
+    tracker's coordinates, multiplied by ``scale``, to those of the scene.
 
     Raises
     ------
