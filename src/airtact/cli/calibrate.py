@@ -90,14 +90,16 @@ def calibrate(
     ECHOES is an .h5 file with the pressures that the elements receive from each other, including
     the direct sound. The pressures must be measured without bodies in the array. The boards must
     face each other, and the codes that the elements emit must be linearly independent. The poses in
-    the scene file may be wrong by up to 2 mm and 1 degree. The command writes a calibration table.
-    To use this table in a scene, set calibration = "calibration.csv" in [array].
+    the scene file (--scene) may be wrong by up to 2 mm and 1 degree.
 
-    With --scan, the argument is a scene file instead of ECHOES. The command then estimates the
-    sensitivity of the elements, the rotation and shift of the scanned positions relative to the
-    obstacles' frame, and the gains that the scans determine. A scan is a .csv file with the columns
-    x, y, z (metres, in the obstacles' frame), pressure (pascals, peak) and, if measured, phase
-    (radians).
+    With --scan, the only argument is the scene file. The command then estimates the sensitivity
+    that all elements share, the rotation and shift of the scanned positions relative to the
+    obstacles' frame, and the gains of the elements that the scans determine. A scan is a .csv file
+    with the columns x, y, z (metres, in the obstacles' frame), pressure (pascals, peak) and, if
+    measured, phase (radians).
+
+    The gains are written to --out. To use this table in a scene, set calibration =
+    "calibration.csv" in [array].
     """
     if scans:
         if simulate:

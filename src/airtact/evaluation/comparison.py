@@ -319,13 +319,13 @@ class HeldOut:
 
     Attributes
     ----------
-    names : names of the D drives, of which the first is usually the one to be judged.
-    pressures : (D, S) peak pressure at the weakest focus in each of S samples, with every drive
-        scaled to the energy of the first [Pa]. If the requests or shares differ, it is the smallest
-        ratio of pressure to request, times the request of the focus at which the first drive is
-        weakest without deviations.
-    expected : (D,) pressure at the weakest focus without deviations, scaled like ``pressures``
-        [Pa].
+    names : names of the D drives. The others are scaled to the energy Σ|d|² of the first, where
+        d are its amplitudes.
+    pressures : (D, S) peak pressure at the weakest focus in each of S samples [Pa]. If the target
+        requests different pressures or shares at its foci, the weakest focus is the one with the
+        smallest ratio of pressure to request (or share). This ratio is then multiplied by the
+        request (or share) of the focus that is weakest for the first drive without deviations.
+    expected : (D,) the same pressure without deviations [Pa].
     left_out : number of further samples skipped because they are impossible, such as a hand that
         overlaps a transducer.
     """

@@ -68,9 +68,9 @@ class WithImages:
     """An array of E elements, and the images of these elements in a rigid plane, such as a table.
 
     The attribute ``with_images`` of a ``LiveScene`` contains it. Elements that are part of the
-    plane have no image. The hand scatters the sound of elements and images. Multiple reflections
-    between the hand and the plane are ignored: their phase changes with every millimetre of height,
-    so a solution would not fit any other pose.
+    plane have no image. The hand scatters the sound of elements and images, but the plane does not
+    reflect the scattered sound: the phase of this reflection changes with every millimetre of
+    height, so a solution with it could not be reused as the hand moves.
 
     Attributes
     ----------

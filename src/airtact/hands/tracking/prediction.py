@@ -65,8 +65,8 @@ class Predictor:
     """Prediction of the landmarks of one hand by a Kalman filter of an articulated hand.
 
     The filter also reduces the noise of the tracker. Call ``take`` with each frame, then ``at``
-    with the time from which to predict; ``at`` returns the ``HandFrame`` expected ``latency``
-    later. Use a separate predictor for each hand.
+    with the time of that frame (or a later time on the tracker's clock). ``at`` returns the
+    ``HandFrame`` expected ``latency`` after that time. Use a separate predictor for each hand.
 
     Parameters
     ----------
@@ -75,8 +75,8 @@ class Predictor:
         to estimate it from the frames.
     agility : standard deviation of the palm's acceleration [m/s²], above 0; 0.5 by default. Larger
         values follow fast motions better and smooth less. The standard deviations of the joints'
-        accelerations are proportional to it. All of them are increased while the hand accelerates
-        more strongly.
+        accelerations are proportional to it. The filter increases all of them while the hand
+        accelerates more strongly than they allow for.
     patience : time without frames after which the hand is treated as lost and the filter restarts
         with the next frame [s], above 0.
 
