@@ -181,7 +181,7 @@ def _radians(path: Path, phases: Phases, name: str) -> Phases:
     if largest <= 255.0 and np.array_equal(phases, np.round(phases)) and phases.min() >= 0.0:
         warnings.warn(
             f"phases in {path.name} are whole numbers up to {largest:.0f} and are read as degrees. "
-            "If they are levels of 256, name the column phase_level.",
+            "If they are levels from 0 to 255, name the column phase_level.",
             stacklevel=2,
         )
     return np.radians(phases)

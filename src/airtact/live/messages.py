@@ -86,7 +86,7 @@ class MeshMessage(msgspec.Struct, frozen=True):
 class ObjectMessage(
     ObjectKeys, frozen=True, kw_only=True, forbid_unknown_fields=False, omit_defaults=True
 ):
-    """A virtual object, with the keys of a table ``[[objects]]``, but ``mesh`` instead of a file.
+    """A virtual object, with the keys of an ``[[objects]]`` table, except those of a mesh file.
 
     An ``ObjectsMessage`` contains it. Exactly one shape is required: ``mesh``, or one of the
     built-in shapes ``sphere``, ``capsule``, ``box``, ``cylinder``, ``half_space`` and ``button``.

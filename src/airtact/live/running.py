@@ -223,7 +223,7 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
         for messages at a port of this computer, optionally with ":PORT" (8765 or 8766 by default; 0
         selects a free port); or "page" for a hand that is dragged on the page. By default, an
         example motion is repeated.
-    folder : folder for the session of this run. It must not contain the session given as source.
+    folder : folder in which this run is recorded. It must not contain the session given as source.
 
     Returns
     -------

@@ -304,7 +304,7 @@ def tip_sizes(
 
 
 def round_size(vertices: Vertices, triangles: Triangles, ridges: Ridges, turn: float) -> float:
-    """Return the edge length [m] over which a sphere as curved as the body turns by ``turn``.
+    """Return the edge length [m] over which the normal turns by ``turn``, on a sphere.
 
     The sphere has the body's mean Gaussian curvature: the sum of the angle defects divided by the
     area, both away from sharp edges (``ridges``). The result is infinite for bodies of flat faces.

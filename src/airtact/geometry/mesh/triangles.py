@@ -139,7 +139,7 @@ def edge_lengths(panels: Real[np.ndarray, "panels nodes 3"]) -> Float64[np.ndarr
 
 
 def longest_edges(panels: Real[np.ndarray, "panels nodes 3"]) -> PanelSizes:
-    """Return the length [m] of the longest straight edge of each flat or curved triangle."""
+    """Return the largest distance [m] between two corners of each flat or curved triangle."""
     return edge_lengths(panels).max(axis=1)
 
 
@@ -401,9 +401,8 @@ def check_orientation(
         number = int(np.isin(piece, inward).sum())
         are = f"{len(inward)} of {len(volumes)} closed pieces {'is' if len(inward) == 1 else 'are'}"
         raise InvalidInput(
-            f"{'the surface is' if len(volumes) == 1 else are} inside out (the first piece "
-            f"encloses {volumes[inward[0]] * 1e6:.4g} cm³, near {in_mm(where)}); reverse the "
-            f"{number} triangles.",
+            f"{'the surface is' if len(volumes) == 1 else are} inside out, near "
+            f"{in_mm(where)}: reverse the order of the vertices of these {number} triangles.",
             where,
             code="mesh_faulty",
         )

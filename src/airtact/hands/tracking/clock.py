@@ -69,7 +69,7 @@ class FrameClock:
 
     @property
     def fault(self) -> str | None:
-        """Reason why the times of frames cannot be used yet; None if they can.
+        """Reason why the frame times cannot be used yet; None if they can.
 
         For example, the clock may be too slow: the delay of its frames would seem to grow, so that
         the hand would be predicted too far ahead.

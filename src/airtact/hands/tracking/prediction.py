@@ -184,7 +184,7 @@ class Predictor:
         Raises
         ------
         InvalidInput
-            If no frame with landmarks was processed yet, or the estimated bones are impossible.
+            If no frame with landmarks has been processed yet, or if the bones are impossible.
         """
         frame, newest, hand = self._state()
         then = max(number(time, "time", "s"), hand.time) + self.latency

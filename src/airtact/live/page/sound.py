@@ -82,8 +82,8 @@ def enlarged(field: Complex128[np.ndarray, "points"]) -> Float64[np.ndarray, "ro
 def element_sources(scene: LiveScene, amplitudes: Amplitudes, middle: Vector) -> Monopoles:
     """Return monopoles that replace the elements and images for sound near ``middle`` (3,) [m].
 
-    Near ``middle``, the pressure of the monopoles equals that of the elements with their full
-    faces.
+    Near ``middle``, the monopoles produce the same pressure as the elements modelled with their
+    full faces.
     """
     array = scene.with_images.array
     directions = middle - array.positions

@@ -75,9 +75,9 @@ class PlacedBody:
         return bool(squares.min(initial=np.inf) > (radius + reach) ** 2)
 
     def reaches(self, points: Points) -> Mask:
-        """Return a mask of the points that are too close to the body to use its skeletons.
+        """Return a mask of the points that are too close to the body for its reduced nodes.
 
-        The skeletons are reduced sets of nodes, which represent the body inaccurately close to it.
+        The reduced nodes (skeletons) represent the body inaccurately close to it.
         """
         reach = self.reduced.reach
         near = self.in_box(points, reach)

@@ -276,12 +276,12 @@ class BoundaryField(RadiatedField):
     def error_at(self, points: Points) -> Float64[np.ndarray, "excitations"]:
         """Return the rms error of the direct solution at points, relative to the rms pressure.
 
-        The error is estimated as the difference between the two solutions, plus the scattered
-        pressure times 0.15 times the target error ``accuracy``. The second term accounts for the
-        errors of panels and quadrature, which are the same in both solutions. The transposed
-        solution is accurate only away from the surface, so points on or near the surface are moved
-        away from it by the radius of a panel if there is room. The error is NaN without a direct
-        solution.
+        The error is estimated as the difference between the two solutions, plus
+        0.15 times the target error ``accuracy`` times the scattered pressure. The second term
+        accounts for the errors of panels and quadrature, which are the same in both solutions. The
+        transposed solution is accurate only away from the surface, so points on or near the surface
+        are moved away from it by the radius of a panel if there is room. The error is NaN without a
+        direct solution.
         """
         squares, size = self._errors(points_of(points, "points"))
         size = np.linalg.norm(size, axis=0)
