@@ -116,7 +116,7 @@ class NotConverged(RuntimeError):  # noqa: N818
 
 @contextmanager
 def about(name: str) -> Iterator[None]:
-    """Put a name before the messages of ``InvalidInput`` errors raised in the ``with`` block.
+    """Prepend a name to the messages of ``InvalidInput`` errors raised in the ``with`` block.
 
     Examples
     --------
@@ -137,7 +137,7 @@ def about(name: str) -> Iterator[None]:
 
 @contextmanager
 def extra(name: str, need: str) -> Iterator[None]:
-    """Raise an error that tells how to install an extra if an import in the ``with`` block fails.
+    """If an import in the ``with`` block fails, raise an error that says how to install the extra.
 
     Parameters
     ----------
@@ -330,7 +330,7 @@ def real_numbers(array: Real[np.ndarray, "..."], what: str) -> Float64[np.ndarra
 
 
 def complex_numbers(array: Num[np.ndarray, "..."], what: str) -> Complex128[np.ndarray, "..."]:
-    """Copy an array of numbers as complex128."""
+    """Return a copy of an array of numbers as complex128."""
     try:
         return np.array(array, dtype=np.complex128)
     except (TypeError, ValueError):

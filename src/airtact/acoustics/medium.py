@@ -82,7 +82,7 @@ def air(celsius: float = 20.0, humidity: float = 0.5, frequency: float = 40e3) -
         CIPM-2007 were fitted from 0 to 30 °C).
     humidity : relative humidity, 0 to 1.
     frequency : frequency at which the absorption is computed [Hz], above 0. The absorption does not
-        follow the frequency of a scene, so pass the same frequency to both.
+        adapt to the frequency of a ``Scene``, so pass the same frequency to the scene.
 
     Returns
     -------

@@ -210,8 +210,9 @@ class Obstacle:
     surface : closed surface of the body, in the frame of the scene.
     boundary : ``"sound_hard"`` (∂p/∂n = 0), ``"impedance"`` (∂p/∂n + (ik/ratio) p = 0 with n
         outward, for the time factor e^{-iωt}) or ``"filled"`` (another fluid).
-    ratio : real or complex impedance Z of the surface relative to ρc of the scene's medium, finite,
-        not zero and without negative real part, if ``boundary`` is "impedance"; otherwise None.
+    ratio : real or complex impedance Z of the surface relative to ρc of the scene's medium, if
+        ``boundary`` is "impedance"; otherwise None. It must be finite and nonzero, and its real
+        part must not be negative.
     medium : fluid inside the body if ``boundary`` is "filled", otherwise None.
     board : whether the body consists of reflecting boards of the array, with elements in their
         faces, as built by ``reflecting_boards``; False by default.

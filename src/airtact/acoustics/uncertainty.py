@@ -54,7 +54,7 @@ class Uncertainty:
     along_skin : standard deviation of the position of each focus on its body, in each of two
         directions along the surface [m], up to 0.1.
     age : standard deviation of the time between the measurement of the pose and the emission [s],
-        up to 1. An older pose shifts the hand farther along ``velocity``.
+        up to 1. The older the pose, the farther the hand is shifted along ``velocity``.
     velocity : (3,) velocity of the hand in the obstacles' frame [m/s], up to 20 in magnitude. It
         only matters together with ``age``.
     temperature : standard deviation of the air's temperature [K], up to 10.

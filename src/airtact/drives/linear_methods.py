@@ -66,8 +66,8 @@ def phase_conjugate(transfer: TransferMatrix, target: Target) -> Drive:
     Returns
     -------
     A ``Drive`` of E elements with equal amplitudes, or 0 for elements at which the contributions of
-    the foci cancel. The amplitudes are at full scale or, if a weaker drive reaches the requested
-    pressures at all foci, at the lowest amplitude that does so.
+    the foci cancel. The amplitude is full scale or, if less is enough for the requested pressures
+    at all foci, the lowest amplitude that produces them.
 
     Raises
     ------

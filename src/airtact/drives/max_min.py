@@ -254,8 +254,8 @@ def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) 
     Parameters
     ----------
     transfer : the (F, E) transfer matrix of F foci and E elements.
-    target : the F foci and their requested pressures or shares. The weakest focus is that with the
-        smallest ratio of pressure to request.
+    target : the F foci and their requested pressures or shares. The weakest focus is the one
+        with the smallest ratio of pressure to request.
     iterations : number of weighted Gerchberg-Saxton steps at the end, 1 or more.
 
     Returns

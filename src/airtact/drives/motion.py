@@ -109,7 +109,7 @@ class Motion:
             )
 
     def through_points(self, foci: int) -> bool:
-        """Return whether one focus moves through all points of a target with ``foci`` points."""
+        """Return whether a single focus moves through all ``foci`` points of a target."""
         return self.path == "points" or (self.kind == "stm" and self.path is None and foci > 1)
 
     def paths(self, scene: Scene, target: Target, array_middle: Real[np.ndarray, "3"]) -> Paths:
@@ -195,7 +195,7 @@ def moving_target(target: Target, paths: Paths) -> Target:
 
     Parameters
     ----------
-    target : the F foci at rest, of which only the requests and the suppression points are used.
+    target : the F foci at rest; only its requests and its suppression points are used.
     paths : (F, N, 3) positions of each focus in each of N frames, in the frame of the obstacles
         [m], as returned by ``Motion.paths``.
 
@@ -239,7 +239,7 @@ def moving_foci(
     transfer : (P, E) transfer matrix of all P points in the order of ``moving_target``: all foci of
         the first frame, then those of the next.
     target : the points, in the same order as the rows of the matrix.
-    foci : number of foci in one frame, of which P must be a multiple.
+    foci : number of foci in one frame; P must be a multiple of this number.
     turns : how many times per second the foci traverse the path [Hz], above 0 and at most ``clock``
         divided by the number of frames.
     method : function that computes the ``Drive`` of a frame from the frame's rows of the matrix and

@@ -83,7 +83,7 @@ def robust(
     ensemble : transfer matrices (F, E) of the samples, as returned by ``at.ensemble``. A plain
         ``TransferMatrix`` is treated as a single sample without uncertainty.
     target : the F foci and their requested pressures or shares. In each sample, the weakest focus
-        is that with the smallest ratio of pressure to request.
+        is the one with the smallest ratio of pressure to request.
     goal : quantity to maximise: "lowest tenth" is the pressure that the weakest focus exceeds in 9
         out of 10 samples; "mean" is the mean of its pressure over the samples; "worst" is its
         pressure in the worst sample.

@@ -92,7 +92,7 @@ class RadiationMap:
         return -(self.areas * self.radiation_pressure)[chosen] @ self.normals[chosen]
 
     def pad_force(self, focus: Real[np.ndarray, "3"]) -> float:
-        """Return the force [N] on the skin within 5 mm of a focus, an area as large as a fingertip.
+        """Return the force [N] on the skin within 5 mm of a focus, about the area of a fingertip.
 
         The force is positive inward, and NaN if the skin is more than 2 mm from the focus.
         """

@@ -43,7 +43,7 @@ from airtact.geometry.shape import Shape
 
 
 class Body:
-    """Identity of a rigid body, without contents: the attribute ``body`` of a ``Surface``.
+    """Empty object that identifies a rigid body, stored in the attribute ``Surface.body``.
 
     Two surfaces whose ``body`` is the same object are one body in two poses, so solvers can reuse
     what they computed for one of them.

@@ -174,8 +174,8 @@ def load_cloud(path: str | Path) -> Points:
 
     Parameters
     ----------
-    path : a PLY file (.ply), of which only the vertices are used, or a text file (.xyz) whose lines
-        begin with x, y and z, separated by spaces or commas. Both are in metres.
+    path : a PLY file (.ply; only its vertices are used), or a text file (.xyz) whose lines begin
+        with x, y and z, separated by spaces or commas. Both are in metres.
 
     Returns
     -------

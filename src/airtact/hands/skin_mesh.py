@@ -252,7 +252,8 @@ def _evened(
     edge : target edge length [m].
     max_size : largest edge length [m].
     collapse_angle : triangles with a smaller angle are collapsed [degrees].
-    pull : motion of a vertex towards the centre of its neighbours, as a fraction of its distance.
+    pull : distance by which a vertex is moved toward the centre of its neighbours, as a fraction of
+        its distance from this centre.
     keep : whether the triangles stay the same and only the vertices move.
     hold : whether the ``sizes`` of the mesh are upper limits.
     """

@@ -186,7 +186,7 @@ def follow(
         function.
     output : boards that emit the drives; by default, nothing is emitted.
     seconds : duration [s], above zero; by default, the run lasts until the frames end.
-    session : writer that records the run; closed by this function.
+    session : writer that records the run; this function closes it.
     latency : shortest time from the camera image to the frame's arrival, for trackers with their
         own clock [s], 0 to 0.5.
     cap : largest amplitude of an element, as a fraction of full scale, above 0 and at most 1. By

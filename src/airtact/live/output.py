@@ -18,11 +18,11 @@ class Output:
 
     Pass it to ``follow``, or use it in a ``with`` block, which opens the link at the beginning, and
     silences the boards and closes the link at the end. ``send`` emits a drive, ``cycle`` repeats a
-    sequence of drives, and ``modulate`` varies the amplitude of later drives. Each must be followed
-    by another call, such as ``beat``, within 0.5 s, or the boards are silenced until the next
-    drive. Drives above the cap, set by ``limit`` (full scale by default), are scaled down. After
-    silence, the amplitude is ramped up over 0.2 s. The methods raise ``LinkFailed`` if the boards
-    fail. Without boards, they do nothing.
+    sequence of drives, and ``modulate`` varies the amplitude of later drives. Each call must be
+    followed by another, such as ``beat``, within 0.5 s; otherwise the boards are silenced until the
+    next drive. Drives above the cap, set by ``limit`` (full scale by default), are scaled down.
+    After silence, the amplitude is ramped up over 0.2 s. The methods raise ``LinkFailed`` if the
+    boards fail. Without boards, they do nothing.
 
     Parameters
     ----------

@@ -60,7 +60,7 @@ def run(
     Parameters
     ----------
     setup : scene with virtual objects, or with foci on hands; see ``live_scene``.
-    hands : source of the frames, as returned by ``hands_from``; closed by this function.
+    hands : source of the frames, as returned by ``hands_from``; this function closes it.
     output : boards that emit the drives, as returned by ``output_to``; by default, nothing is
         emitted.
     folder : folder in which ``session.h5`` is written; an existing file is replaced.

@@ -195,8 +195,8 @@ class World:
         ----------
         message : the message. Tracked hands in a message are ignored here.
         source : name of the connection.
-        keep : whether to keep earlier foci of the source that are not in the message. If so, a
-            focus is removed by sending it with strength 0.
+        keep : whether to keep earlier foci of the source that are not in the message. If so,
+            send a focus with strength 0 to remove it.
 
         Raises
         ------

@@ -58,8 +58,8 @@ class Calibrated:
     motions : B poses that map the assumed positions of each board's elements to the estimated ones,
         in the array's frame. Board 0 does not move, because a motion of the whole array cannot be
         measured.
-    emission, reception : (E,) complex factors of the emitted and of the reported pressure of each
-        element, relative to an element with the nominal sensitivity; 0 for dead elements, and 1 in
+    emission, reception : (E,) complex ratio of the pressure that each element emits, or reports,
+        to that of an element with the nominal sensitivity; 0 for dead elements, and 1 in
         ``reception`` for elements that do not receive. Only their products can be measured, so both
         are scaled to the same mean (with two boards, separately for each direction).
     covariance : (6 B − 5, 6 B − 5) covariance for boards 1 to B − 1 and for the sound speed [m/s],
@@ -122,7 +122,7 @@ class Calibrated:
         return here - self.believed.positions.reshape(boards, -1, 3).mean(axis=1)
 
     def as_emitted(self, echoes: Echoes) -> Echoes:
-        """Return the echoes as if each element received with its emission gain.
+        """Return the echoes that would be measured if elements received with their emission gains.
 
         ``locate`` assumes equal emission and reception gains.
 

@@ -350,5 +350,5 @@ class Search:
 
 
 def middle_of(single: PhasedArray) -> Float64[np.ndarray, "3"]:
-    """Return the centre of a board in the frame of the board [m]."""
+    """Return the centre of a board in the board's own frame [m]."""
     return 0.5 * (single.positions.min(axis=0) + single.positions.max(axis=0))

@@ -254,8 +254,8 @@ def compare(
     - A ``Scene``, ``array``, ``drives``, ``target`` and ``solver``: the drives are compared as they
       are, by ``evaluation.compare``.
 
-    With a setup, a drive computed without the bodies is added, unless it is in open air. All drives
-    are rounded to the setup's levels, and a more accurate solve computes their pressures.
+    With a setup that contains bodies, a drive computed without them is added. All drives of a setup
+    are rounded to its levels, and a more accurate solve computes their pressures.
 
     Parameters
     ----------

@@ -76,7 +76,7 @@ class Explanation:
 
     @property
     def changes(self) -> Float64[np.ndarray, "causes foci"]:
-        """(C, F) change of the pressure at each focus due to each cause [Pa]; NaN for the first."""
+        """(C, F) change of each focus's pressure by each cause [Pa]; NaN for the first cause."""
         return np.diff([cause.pressures for cause in self.causes], axis=0, prepend=np.nan)
 
     def change_in_words(self, cause: int, focus: int) -> str:

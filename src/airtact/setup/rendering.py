@@ -286,8 +286,8 @@ def render(
 
     Returns
     -------
-    A ``Rendering`` with the drive, its verified pressures at the foci, and the drive computed
-    without the bodies for comparison.
+    A ``Rendering`` with the drive, its verified pressures at the foci and, for comparison, the
+    drive computed without the bodies.
 
     Raises
     ------

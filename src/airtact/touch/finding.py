@@ -17,9 +17,9 @@ Indices = Int64[np.ndarray, "contacts"]
 class ContactArrays(NamedTuple):
     """Properties of C contacts, one array per property, in ``Contacts`` and ``TouchState``.
 
-    A contact is a connected piece of skin inside one object that belongs to one finger or other
-    part of the skin. A piece that spans several parts is divided into one contact per part. In
-    ``TouchState.found``, pieces include skin up to the distance ``release`` outside an object,
+    A contact is a connected piece of skin that is inside one object and belongs to one part of the
+    skin, such as a finger. A piece that spans several parts is divided into one contact per part.
+    In ``TouchState.found``, pieces include skin up to the distance ``release`` outside an object,
     where depths are negative. Positions are in the frame of the skin.
 
     Attributes

@@ -180,7 +180,7 @@ def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY, points: int 
 
     With 19 points, the disc uses Albrecht's rule of degree 9 (ZAMM 40, 514, 1960; S2
     9-1 in Stroud, Approximate Calculation of Multiple Integrals, 1971). Its error in
-    the far field is of order x¹⁰: 1.8e-4 of the pressure on the axis at ka = 4 and 1e-3
+    the far-field pattern is of order (ka)¹⁰: 1.8e-4 of the pressure on the axis at ka = 4 and 1e-3
     at ka = 4.8, which correspond to radii of 5.5 and 6.5 mm at 40 kHz. With 12 points,
     it uses the cheaper rule of degree 7 (S2 7-1 in Stroud), with errors of 3.3e-4 at ka
     = 2.9 and 1.3e-3 at ka = 3.5. Functions that know the frequency raise ``InvalidInput``

@@ -380,7 +380,7 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
         Makino and Shinoda use ``monopole()`` (section 4.1).
     board : name of a kind of board, "autd3" or "sonicsurface". Each face is then half the board's
         height from the centre (75.7 mm for "autd3"), so that thin boards touch along the edges that
-        are parallel to z. By default, the box of Inoue, Makino and Shinoda.
+        are parallel to z. The default is the box of Inoue, Makino and Shinoda.
 
     Returns
     -------

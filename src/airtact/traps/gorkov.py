@@ -501,7 +501,7 @@ def verdict(
 
     A point is a trap if the radiation force vanishes within a twentieth of a wavelength of it, if
     the force pushes the bead back after a displacement in any direction, and if it can carry more
-    than the bead's weight. The force is that of ``force``, with its limitations. To judge the place
+    than the bead's weight. The force and its limitations are those of ``force``. To judge the place
     at which a bead comes to rest, pass the points that ``find`` returns, without rows of NaN.
 
     Parameters

@@ -48,7 +48,8 @@ def even_pass(
     ----------
     vertices, triangles : the mesh. Edges on the border of an open mesh remain.
     sizes : (V,) target edge length at each vertex [m].
-    pull : motion of a vertex towards the centre of its neighbours, as a fraction of its distance.
+    pull : distance by which a vertex is moved toward the centre of its neighbours, as a fraction of
+        its distance from this centre.
     smallest_angle : triangles with a smaller angle are collapsed [degrees].
     keep : whether the triangles stay the same and only the vertices move.
     """
@@ -128,7 +129,7 @@ def evened(
 
 
 def turn_sizes(mesh: RidgedMesh, largest: float, reach: float, turn: float) -> VertexSizes:
-    """Return, at each vertex, the edge length [m] over which the surface turns by ``turn`` [rad].
+    """Return, at each vertex, the edge length [m] over which the normal turns by ``turn`` [rad].
 
     The curvature of a triangle is the largest change of the vertex normals per length. It is
     averaged within ``reach`` [m] to smooth out the kinks of a coarse mesh. The result is at most

@@ -225,7 +225,7 @@ MAX_EDGE_TO_WALL = 3.0
 def bend_sizes(
     vertices: Vertices, triangles: Triangles, ridges: Ridges, largest: float, factor: float = 1.0
 ) -> VertexSizes:
-    """Return, at each vertex, the edge length [m] over which the surface turns by 1 rad.
+    """Return, at each vertex, the edge length [m] over which the surface normal turns by 1 rad.
 
     The radius of a bend is estimated from pairs of triangles whose normals differ by 75 to 150
     degrees and that lie on a common arc. Pairs across a sharp edge (``ridges``) are ignored. The

@@ -63,7 +63,7 @@ def repaired(
 
     - Unused vertices are removed. Vertices within a micrometre of each other are merged.
     - Duplicate triangles are removed. Triangles without area are merged with their neighbours.
-    - Triangles and pieces of the wrong orientation are reversed.
+    - The vertex order is reversed in triangles and pieces that are oriented the wrong way.
     - Holes of up to ``largest_hole`` [m] get flat lids. Cracks of up to 5 micrometres are closed.
 
     Raises

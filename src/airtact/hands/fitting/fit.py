@@ -105,7 +105,7 @@ class FittedHand:
 
     @property
     def uncertainty(self) -> Uncertainty:
-        """Uncertainty of the hand; each bone shifts independently by the joints' rms error."""
+        """Uncertainty of the hand: each bone shifts independently by the joints' rms error."""
         return Uncertainty(own_position=float(np.sqrt(np.mean(self.joint_errors**2) / 3.0)))
 
     @cached_property
@@ -166,8 +166,8 @@ def fit_hand(
     camera : (3,) position, in the frame of the points, from which all of them were seen [m]. Points
         are then matched only to skin that faces the camera, and the hand stays within the observed
         silhouette. Omit it if the points were measured from several directions.
-    before : result for the previous frame. Its pose is the initial guess if, moved rigidly to the
-        landmarks, all of its joints are within 25 mm of them. Its anatomy is used unless
+    before : result for the previous frame. Its pose is the initial guess if a rigid motion
+        brings all of its joints to within 25 mm of the landmarks. Its anatomy is used unless
         ``anatomy`` is given.
     anatomy : sizes of the person's hand, from an earlier fit. They stay fixed if they were learned
         from 8 frames; otherwise they are initial values, and learning continues. The default is the

@@ -124,7 +124,7 @@ class HandAnatomy:
         return self.frames >= 8
 
     def learned(self, sizes: Sizes, covariance: SizesMatrix) -> "HandAnatomy":
-        """Return the anatomy averaged with the sizes (62,) of one more frame and their covariance.
+        """Return the anatomy averaged with one more frame, of given sizes (62,) and covariance.
 
         The covariance is not divided by the number of frames, because the shape of the model has
         the same error in every frame.
@@ -326,7 +326,7 @@ def _by_joints(
 def landmark_pull(
     off: Joints, spread: Float64[np.ndarray, "25"]
 ) -> tuple[Float64[np.ndarray, "25"], float]:
-    """Return the weights [1/m] for landmark errors ``off`` (25, 3) [m], and twice their cost.
+    """Return the weights [1/m] of landmark errors ``off`` (25, 3) [m], and twice the errors' cost.
 
     The errors have a Cauchy distribution of width ``spread`` (25,) [m]. For weights w, the gradient
     of twice the cost is 2 w² ``off``.

@@ -35,7 +35,8 @@ class Silhouette:
     Attributes
     ----------
     camera : (3,) position of the camera [m].
-    frame : (3, 3) rows with the directions right and up in the image, and the line of sight.
+    frame : (3, 3) unit vectors, one per row: to the right and upward in the image, and along
+        the line of sight.
     focal : distance of the image plane from the camera [m].
     corner : (2,) corner of the first pixel [m].
     pixel : width of a pixel [m].

@@ -24,7 +24,7 @@ AGILITY = 0.5
 class NoiseEstimate:
     """Estimate of the white noise of a tracker from its frames; pass their landmarks to ``take``.
 
-    The third difference of four positions at even time steps is insensitive to the motion of a
+    The third difference of four positions, evenly spaced in time, hardly depends on the motion of a
     hand. At 60 frames/s, a finger that oscillates by 20 mm at 1 Hz contributes only 0.02 mm to this
     difference. White noise contributes sqrt(1 + 9 + 9 + 1) times its standard deviation. Medians
     are used, so landmarks that jump have no effect. For a tracker that smooths its data, the noise

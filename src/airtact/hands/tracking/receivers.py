@@ -63,7 +63,7 @@ class WebSocketReceiver:
         one.
     port : port to listen on; 0, the default, selects a free port, which is stored in the attribute
         ``port``.
-    host : address to listen on; by default 127.0.0.1, which only programs on this computer reach.
+    host : address to listen on; by default 127.0.0.1, which only this computer can reach.
 
     Raises
     ------

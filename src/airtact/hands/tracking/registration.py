@@ -78,11 +78,11 @@ def register(
     offset: float | None = float(GENERIC_RADII[INDEX_TIP]),
     scale: float | None = 1.0,
 ) -> Registration:
-    """Find the pose of a hand tracker in a scene from touches of known points with a fingertip.
+    """Find the pose of a hand tracker in a scene, given touches of a fingertip at known points.
 
     The pose is fitted by least squares. A touch is an outlier if, after a fit to all other touches,
-    it is more than 2 mm from its point, and more than 5 times as far as the other touches are from
-    theirs (rms). At most one touch is excluded as an outlier, and only if there are more than 3
+    its distance from its point is more than 2 mm and more than 5 times the rms distance of the
+    other touches. At most one touch is excluded as an outlier, and only if there are more than 3
     touches (plus one for each of ``offset`` and ``scale`` that is None); ``Registration.repeat`` is
     its index.
 

@@ -204,7 +204,7 @@ class HandStream:
 
     @property
     def idle(self) -> float:
-        """Time [s] since the last message, valid or not, or else since construction."""
+        """Time [s] since the last message, valid or not, or since construction if there is none."""
         return self._clock() - self._received
 
     def remark(self) -> str:

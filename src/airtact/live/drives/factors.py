@@ -223,7 +223,7 @@ class RigidParts:
 
     @property
     def outgrown(self) -> bool:
-        """Whether the mean bone lengths differ from those of the bodies, as with another hand."""
+        """Whether the mean bone lengths differ from those of the bodies, as for another hand."""
         change = self._lengths - _bone_lengths(self._scene, self._reference.hand.joints)
         return bool(np.abs(change).max() > 1.5e-3)
 

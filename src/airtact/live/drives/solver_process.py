@@ -46,7 +46,7 @@ class Request:
     __repr__ = in_short
 
     def after(self, ahead: float) -> Joints:
-        """Return the joints expected in ``ahead`` [s], or the current ones if those are invalid."""
+        """Return the joints expected after ``ahead`` [s]; if invalid, return the current joints."""
         try:
             return joints_of(self.joints + ahead * self.velocities)
         except InvalidInput:
@@ -99,7 +99,7 @@ class SolverProcess:
 def solve_hands(
     mailbox: Mailbox, send: Callable[[object], None], scene: LiveScene, part: Rule
 ) -> None:
-    """Repeatedly compute the scattering by a part of the newest hand, until no more arrive."""
+    """Compute the scattering by a part of each newest hand, until no more hands arrive."""
     # Phalanges and carried solutions are urgent, but whole hands are not.
     give_way(15 if part == "hand" else 5)
     if part == "contacts":

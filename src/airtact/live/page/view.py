@@ -317,7 +317,7 @@ class MovingSkin:
         self.count: int = 0
 
     def at(self, joints: Joints) -> Vertices:
-        """Return the vertices (V, 3) [m] of the skin for a hand with given joints."""
+        """Return the vertices (V, 3) [m] of the skin of a hand with the given joints."""
         length = hand_length(joints)
         # If the hand's length has changed by a tenth, it is another person's hand: mesh it again.
         if self._first is None or abs(length / self._length - 1.0) > 0.1:

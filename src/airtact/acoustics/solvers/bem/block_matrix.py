@@ -168,8 +168,8 @@ def worth_eliminating(unknowns: int, excitations: int) -> bool:
     """Return whether Gaussian elimination is faster than GMRES.
 
     Elimination is faster if there are at least 0.05 right-hand sides per unknown, because the
-    vectors of GMRES then no longer fit into the processor's caches. This was measured at 2,000 to
-    5,000 unknowns and accuracies from 0.02 to 0.005. At 16,000 unknowns the matrix takes 2 GiB in
+    vectors of GMRES then no longer fit into the processor's caches. This was measured with 2,000 to
+    5,000 unknowns, at accuracies from 0.02 to 0.005. At 16,000 unknowns the matrix takes 2 GiB in
     single precision.
     """
     return excitations >= 0.05 * unknowns and unknowns <= 16_000

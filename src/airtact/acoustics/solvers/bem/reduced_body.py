@@ -147,7 +147,7 @@ class ReducedBody:
     def column_nodes(
         self,
     ) -> tuple[Float64[np.ndarray, "columns 3"], Float64[np.ndarray, "columns 3"], SingleLayer]:
-        """Nodes of the columns' skeleton [m], their normals times area [m²], and single layer."""
+        """Nodes of the columns' skeleton [m], normals times node areas [m²], and single layer."""
         nodes = self.surface.nodes
         single = nodes.single_layer(self.surface.wavenumber)
         return (

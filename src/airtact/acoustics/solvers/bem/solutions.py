@@ -99,8 +99,8 @@ def dual_surface(
 ) -> DualSurface:
     """Build the dual-surface equation, with its second collocation points inside the bodies.
 
-    Each second collocation point lies below the surface, at a depth of 0.3 times the local
-    thickness but at most 0.2 λ.
+    Every second collocation point lies below the surface, at a depth of 0.3 times the local
+    thickness, but at most 0.2 λ.
 
     Sharing each point among three nodes saves a third of the kernel evaluations at equal accuracy.
     ``least_thickness`` is a lower bound on the thickness at each node [m].

@@ -252,7 +252,7 @@ def beside(scene: Scene, points: Points) -> Mask:
 
 
 def solved_from_afar(system: System, scene: Scene, sources: Monopoles) -> Solution:
-    """Solve with the sources near the bodies as point loads.
+    """Solve with the sources near the bodies modelled as point loads.
 
     By reciprocity, the result far from the bodies is as accurate as the pressure that a far source
     produces near them.

@@ -188,10 +188,10 @@ class Tetrahedra:
         return float(smallest.min()), int(smallest.argmin())
 
     def holding(self, points: Points) -> tuple[Indices, Barycentric]:
-        """Return the tetrahedron that contains each point, or -1, and the barycentric coordinates.
+        """Return the tetrahedron that contains each point, and the point's barycentric coordinates.
 
         The points (P, 3) are in wavelengths. The tetrahedra with the nearest centres are tried in
-        turn, until one contains the point.
+        turn, until one contains the point. If none does, its index is -1.
         """
         best = np.full(len(points), -1, dtype=np.int64)
         weights = np.zeros((len(points), 4))

@@ -219,8 +219,8 @@ class System:
         unknowns inside tetrahedra are eliminated.
     surface, interior : quadrature points for right-hand sides, on the surfaces and inside the
         filled bodies.
-    coarse_surface : fewer quadrature points on the surfaces, which suffice to evaluate the field a
-        wavelength away.
+    coarse_surface : a smaller set of quadrature points on the surfaces, which suffices to evaluate
+        the field at a distance of a wavelength or more.
     weights : (3, bodies) weights w_d, w_s and w_v of the right-hand side.
     method : solver that factorises the matrix, "pardiso" or "sparsecholesky".
     """
