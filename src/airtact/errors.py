@@ -343,7 +343,7 @@ def complex_numbers(array: Num[np.ndarray, "..."], what: str) -> Complex128[np.n
 def points_of(
     array: Real[np.ndarray, "..."], what: str, least: int = 1
 ) -> Float64[np.ndarray, "points 3"]:
-    """Convert an array of points to read-only float64 (P, 3), with P at least ``least`` (0 or 1).
+    """Convert an array of at least ``least`` (0 or 1) points to read-only float64 (P, 3).
 
     Raise an error if the shape is wrong, there are too few points, or a number is not finite. A
     single point of shape (3,) is not accepted.

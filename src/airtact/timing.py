@@ -56,7 +56,7 @@ class Clock:
 
     @contextmanager
     def step(self, name: str, words: str | None = None) -> Iterator[None]:
-        """Report a step as ``words`` or its name, and add its duration to ``seconds[name]``."""
+        """Report a step by ``words`` or else its name; add its duration to ``seconds[name]``."""
         if self._progress is not None:
             self._progress(words or name)
         begun = time.perf_counter()

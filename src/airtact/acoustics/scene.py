@@ -75,10 +75,9 @@ class Plane:
         return Plane(fixed(motion.apply(self.point)), fixed(motion.rotate(self.normal)))
 
     def kept_by(self, motion: Pose) -> bool:
-        """Return whether a rigid motion maps the plane onto itself.
+        """Return whether a rigid motion, such as a shift along the plane, maps it onto itself.
 
-        A shift along the plane is an example. A field solved in front of the plane remains valid if
-        all bodies move in this way.
+        A field solved in front of the plane remains valid if all bodies move in this way.
         """
         turned = motion.rotate(self.normal[None])[0]
         height = self.height(motion.apply(self.point[None]))[0]
@@ -96,8 +95,8 @@ def plane(point: Vector, normal: Vector) -> Plane:
     Parameters
     ----------
     point : (3,) any point of the plane, in the frame of the scene [m].
-    normal : (3,) vector of any length that points to the side of the bodies and elements. All of
-        them must be on this side; elements may also lie in the plane.
+    normal : (3,) vector of any length that points to the side where the bodies and elements are.
+        All of them must be on this side; elements may also lie in the plane.
 
     Returns
     -------

@@ -127,7 +127,7 @@ def polyline(
 def circle(
     centre: Vector, radius: float, spacing: float, normal: Vector = (0.0, 0.0, 1.0)
 ) -> Points:
-    """Return evenly spaced points on a circle, such as for the foci of a ``Target``.
+    """Return evenly spaced points on a circle, for example as the foci of a ``Target``.
 
     Parameters
     ----------

@@ -71,8 +71,9 @@ def register(
 
     With the tip of an index finger, touch each transducer that the command names, hold still for a
     second, and move the finger away. Nothing is emitted. A touch that contradicts the others must
-    be repeated, at most twice. The distance of each touch from its transducer after the fit and the
-    standard deviations of the pose are also printed. Add the table to the scene file with --write.
+    be repeated, at most twice. The command also prints how far each touch is from its transducer
+    after the fit, and the standard deviations of the pose. Add the table to the scene file with
+    --write.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")

@@ -29,7 +29,7 @@ MIN_FRAMES = 4
 
 @dataclass(frozen=True, eq=False)
 class Sequence:
-    """Drives that are played one after another, repeatedly, such as for a moving focus.
+    """Drives that are played one after another in a loop, for example to move a focus.
 
     ``Motion``, ``moving_foci`` and ``at.traps.path`` compute sequences, and ``Emission.play`` and
     ``write_frames`` take them. One repetition takes N / ``rate`` seconds.

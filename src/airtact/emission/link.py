@@ -239,7 +239,7 @@ class Link(ABC):
         self.sent += 1
 
     def probe(self) -> None:
-        """Check that the boards are still connected, if the link can do so, without silencing them.
+        """Check, without silencing the boards, whether they are connected, if the link supports it.
 
         Raises
         ------
@@ -264,7 +264,7 @@ class Link(ABC):
     def modulate(  # noqa: B027 (most boards cannot)
         self, envelope: Float64[np.ndarray, "frames"] | None, rate: float
     ) -> None:
-        """Make the boards modulate the current and all later frames; requires ``plays_itself``.
+        """Make the boards modulate the current and all later frames, if ``plays_itself`` is True.
 
         Parameters
         ----------

@@ -218,7 +218,7 @@ class LinkProcess:
         return self._lost
 
     def close(self) -> str | None:
-        """Close the link, and return why the emission ended, or None if it had not ended.
+        """Close the link; return the reason why the emission ended, or None if it had not.
 
         Raises
         ------

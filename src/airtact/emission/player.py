@@ -212,7 +212,7 @@ class Player:
         return getattr(self.link, name)(*arguments)
 
     def close(self) -> str | None:
-        """Close the link, and return why the emission ended, or None if it had not ended."""
+        """Close the link; return the reason why the emission ended, or None if it had not."""
         try:
             self.link.close()
         finally:

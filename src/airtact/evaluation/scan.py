@@ -285,7 +285,7 @@ def best_shift(
     -------
     The shift (3,) to add to the positions of the scan [m], and the relative error that remains: the
     rms of the deviation divided by the rms of the scan. The shift is 0 if none lowers the error.
-    The error is 1 if every shift is ignored.
+    The error is 1 if the search ignores all shifts.
     """
 
     def error(shift: Float64[np.ndarray, "3"]) -> float:

@@ -164,8 +164,8 @@ def _independent(candidates: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 class Box:
     """A grid of points in a cuboid whose edges are parallel to the axes of the scene.
 
-    ``box_around`` and ``Slices.box`` return it, for files of the field in this cuboid. ``points``
-    lists all points (P, 3) of the grid [m], with x varying fastest.
+    ``box_around`` and ``Slices.box`` return it for writing the field in this cuboid to a file.
+    ``points`` lists all points (P, 3) of the grid [m], with x varying fastest.
 
     Attributes
     ----------

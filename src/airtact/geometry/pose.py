@@ -161,7 +161,7 @@ class Pose:
 def nearest_motion(
     old: Float64[np.ndarray, "points 3"], new: Float64[np.ndarray, "points 3"]
 ) -> tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, "3"]]:
-    """Return the least-squares rotation and translation from points to their new positions.
+    """Return the rotation and translation that fit the motion of points by least squares.
 
     Source: W. Kabsch, Acta Cryst. A32, 922 (1976).
     """

@@ -170,7 +170,7 @@ def load_rigged_hand(path: str | Path, scale: float = 1.0, side: Side | None = N
 
 
 def load_cloud(path: str | Path) -> Points:
-    """Read a point cloud from a file, such as a depth camera's points of a hand for ``fit_hand``.
+    """Read a point cloud from a file, such as a depth camera's view of a hand for ``fit_hand``.
 
     Parameters
     ----------

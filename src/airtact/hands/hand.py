@@ -334,7 +334,7 @@ def hand_from_joints(
     Raises
     ------
     InvalidInput
-        If joints are missing, NaN or span more than 1 m, if bones have impossible lengths, if
+        If joints are missing or NaN, or span more than 1 m, if bones have impossible lengths, if
         fingers are out of order, if ``length`` or a radius is outside its range, or if the fingers
         bend like those of the other hand or, without ``side``, are too straight to determine it.
     """

@@ -35,7 +35,7 @@ def bending_axis(joints: Joints, side: str, finger: int) -> Point:
 
 
 def turned(joints: Joints, side: str, finger: int, angle: float) -> Joints:
-    """Return the joints after straightening a finger at its root by an angle [rad]."""
+    """Return the joints with a finger straightened by an angle [rad] at its root."""
     root = CHAINS[finger][0 if finger == 0 else 1]
     outer = [joint for joint in CHAINS[finger] if joint > root]
     turn = Rotation.from_rotvec(-angle * bending_axis(joints, side, finger))

@@ -177,7 +177,7 @@ class DriveMaker(ABC):
 
     @abstractmethod
     def make(self, time: float, controls: Controls) -> Moment:
-        """Return a ``Moment`` whose sound is in the air at ``time`` [s] on the tracker's clock."""
+        """Return a ``Moment`` for sound that is in the air at ``time`` [s] (tracker's clock)."""
 
     def feel(  # noqa: B027 (some makers have fixed foci)
         self, objects: Sequence[VirtualObject], foci: "Sequence[at.live.WantedFocus]"

@@ -344,8 +344,8 @@ def write_tracker(scene: str | Path, pose: Pose, copy: str | Path | None = None)
     Raises
     ------
     InvalidInput
-        If a file cannot be read or written, or if the scene file defines the tracker in another way
-        than by a table ``[tracker]``.
+        If a file cannot be read or written, or if the scene file defines the tracker other than
+        by a table ``[tracker]``.
     """
     changed = with_tracker(text_of(Path(scene)), pose)
     with whole_file(Path(copy or scene)) as unfinished:

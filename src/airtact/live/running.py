@@ -151,8 +151,8 @@ def record(
     ----------
     file : path of the recording to write, which must end in ``.jsonl``; an existing file is
         replaced. The recording is in the tracker's coordinates. ``load_recording`` reads it.
-    source : "websocket" (JSON, on port 8765) or "osc" (on port 8766), or with another port as in
-        "websocket:9000", where port 0 selects a free one.
+    source : "websocket" (JSON, on port 8765) or "osc" (on port 8766). Append another port as in
+        "websocket:9000"; port 0 selects a free one.
     seconds : duration [s], above 0; by default, until Ctrl-C is pressed.
     report_step : function called with the address once the port is open, and with a message
         whenever frames begin to be rejected or stop arriving.

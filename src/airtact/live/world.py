@@ -118,7 +118,7 @@ class WantedFocus:
 class World:
     """Virtual objects and requested foci of the live loop; any thread may read and change them.
 
-    Pass the same world to the source of the hands and to ``follow``. Applications change it by
+    Pass the same world to the source of the hands and to ``follow``. Applications change it with
     messages, which their connections pass to ``take`` (as JSON) or ``receive`` (as objects such as
     an ``ObjectsMessage``). The live loop reads ``objects`` and ``foci`` for each drive, and records
     its state for the applications in ``state``. The foci of an application are removed 0.5 s after
@@ -227,7 +227,7 @@ class World:
                 self._closed[source] = self._clock()
 
     def reject(self, sentence: str) -> None:
-        """Record the reason for rejecting a message, to be shown in the status."""
+        """Record why a message was rejected; the status shows this reason."""
         self._rejected = (self._clock(), sentence)
 
     @property

@@ -307,7 +307,11 @@ def lowest_colour(result: ReachMap) -> float:
 
 
 def view_of_reach(result: ReachMap) -> View:
-    """Return a view of the skin from the array or, if the array is a box, of its broadest side."""
+    """Return the azimuth and elevation from which to show the skin [degrees].
+
+    The skin is seen from the array or, if the array is a box, from the side where the skin is
+    broadest.
+    """
     towards = -result.setup.array.normals.mean(axis=0)
     length = float(np.linalg.norm(towards))
     if length < 0.3:

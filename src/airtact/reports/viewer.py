@@ -250,7 +250,7 @@ def stage_facts(
     ----------
     setup : setup with the transducers and foci.
     most : pressure at the upper end of the colour scale [Pa].
-    arrays : further arrays for the page, by name; the arrays of the transducers are added.
+    arrays : NumPy arrays for the page, by name; those of the transducers are added.
     sheets : corners of each visible plane [m].
     views : views by name, as returned by ``framed``.
     """

@@ -71,7 +71,7 @@ class Located:
     centre : (3,) centre of the ball around the bodies, at ``pose`` in the array's frame [m].
     left_out : element indices of the receivers that were excluded because their signals do not
         match any pose, such as dead receivers.
-    opening : best value of the parameter of a ``ScatteringFamily``, such as the gap of two fingers
+    opening : best value of the parameter of a ``ScatteringFamily``, such as the gap between fingers
         [m]; None for a scene.
     """
 
@@ -142,7 +142,7 @@ def locate(
     ----------
     echoes : coded transmissions, and the received pressures minus the pressures without bodies.
     scene : the bodies in their own frame, the air and the frequency; or a ``ScatteringFamily`` of
-        bodies with one unknown parameter, such as the gap of two fingers.
+        bodies with one unknown parameter, such as the gap between fingers.
     array : the transducers in their own frame, in the same order as the codes.
     start : initial pose of the bodies in the array's frame, accurate to within about 5 mm and 8
         degrees.

@@ -170,7 +170,7 @@ class ArrayState:
         first < second.
     model : (E, E) pressure at the receivers from the emitters for unit gains [Pa]; 0 for unused
         pairs.
-    cost : sum of squares of the residual [Pa²].
+    cost : sum of the squared residuals [Pa²].
     steps : number of iteration steps.
     settled : whether the iteration converged.
     """

@@ -146,10 +146,10 @@ def simulate_transmissions(
 ) -> Echoes:
     """Compute the direct sound of coded transmissions between the boards, without bodies.
 
-    The result is a test case for ``calibrate``. All elements emit and receive at the same time. An
-    element receives the mean pressure over its face, times its reception gain. Elements of the same
-    board do not receive each other, and directional elements do not emit or receive behind their
-    faces.
+    The result is a test case for ``calibrate``. All elements emit and receive at the same time. The
+    pressure received by an element is the mean over its face, multiplied by its reception gain.
+    Elements of the same board do not receive sound from each other, and directional elements do not
+    emit or receive behind their faces.
 
     Parameters
     ----------
@@ -293,9 +293,9 @@ def simulate_echoes(
 ) -> Echoes:
     """Compute the echoes of coded transmissions, with measurement noise.
 
-    All elements emit at the same time. A receiver receives the mean scattered pressure over its
-    face, times its gain; the direct sound is not included. The array itself does not reflect sound.
-    ``locate`` takes the result.
+    All elements emit at the same time. The pressure received by an element is the mean of the
+    scattered pressure over its face, multiplied by its gain; the direct sound is not included. The
+    array itself does not reflect sound. ``locate`` takes the result.
 
     Parameters
     ----------

@@ -185,7 +185,7 @@ class Search:
         return any(self.clash(first, second) for first in poses for second in others)
 
     def clash(self, first: Pose, second: Pose) -> bool:
-        """Return whether two boards are within 10 mm, or one is between the other and a focus."""
+        """Return whether a board is within 10 mm of another, or between another and a focus."""
         for pose, blocking in ((first, second), (second, first)):
             inverse = blocking.inverse()
             middle = middle_of(self.single)

@@ -100,9 +100,9 @@ class MethodComparison:
         about the verification.
     transfer : transfer matrix from which the drives were computed.
     beacons : report of the solve for the transfer matrix, whose sources are beacons at the foci.
-    bound : upper bound [Pa], for all drives up to full scale, on the smallest ratio of pressure to
-        weight. The weight of a focus is its requested pressure, its share (relative pressure), or
-        1.
+    bound : upper bound [Pa] on the smallest ratio of pressure to weight that any drive up to full
+        scale can reach. The weight of a focus is its requested pressure, its share (relative
+        pressure), or 1.
     field : field of the verification solve, with one excitation for each contender.
     seconds : wall time of each step [s].
     """

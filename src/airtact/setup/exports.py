@@ -34,7 +34,7 @@ FLAT = (".stl", ".ply", ".glb")
 def write_field(
     path: Path, box: Box, pressure: Complex[np.ndarray, "points"], bodies: Sequence[Surface]
 ) -> None:
-    """Write the pressure [Pa] at the points of a box as VTK image data, and bodies as polygons.
+    """Write the pressure [Pa] in a box as VTK image data, and the bodies as polygons.
 
     The point data are pressure_real and pressure_imag; both are NaN inside bodies. The cell data
     ``body`` contain the index of the body of each polygon.

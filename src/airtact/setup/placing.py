@@ -65,7 +65,7 @@ class Layout:
         the objective "lowest_tenth", it is the pressure that the weakest focus exceeds in nine
         poses out of ten. The pressure at each focus is divided by the ratio of its request
         (pressure or share) to the largest request; foci whose request is 0 are ignored.
-    single : transducers of a single board, in the frame of the board; ``array`` combines all.
+    single : transducers of a single board, in the frame of the board; ``array`` has all boards.
     """
 
     poses: tuple[Pose, ...]

@@ -225,7 +225,7 @@ def named(sentences: Iterable[str], bodies: Sequence[str]) -> list[str]:
 
 
 def verification_solver(setup: Setup) -> Solver:
-    """Return a more accurate solver than the setup's, for verifying the drive.
+    """Return a solver for verifying the drive that is more accurate than the setup's.
 
     If a body is filled with a fluid and the setup's solver is ``FiniteElement``, it is the same
     solver with the next higher order. For all other scenes with bodies, it is ``BoundaryElement``

@@ -170,7 +170,7 @@ class Cylinder(Solid):
 
 @dataclass(frozen=True, eq=False)
 class HalfSpace(Solid):
-    """A solid of all points on or behind an infinite plane, such as a virtual table.
+    """A solid that fills the space behind an infinite plane, such as a virtual table.
 
     Points and vectors are in the solid's own coordinates, which the pose of a ``VirtualObject``
     maps to those of the scene.

@@ -41,7 +41,7 @@ _CAP_DEGREES = 40.0
 def curved(
     vertices: Vertices, triangles: Triangles, sharp_degrees: float
 ) -> tuple[EdgeVectors, EdgeMask]:
-    """Return the middles of the edges on the curved surface [m], and a mask of the sharp edges.
+    """Return the midpoints of the edges after curving [m], and a mask of the sharp edges.
 
     Caps that close a cut body, such as a hand cut at the wrist, remain flat with sharp rims.
     """

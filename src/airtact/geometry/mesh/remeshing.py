@@ -287,11 +287,11 @@ def tip_sizes(
 ) -> VertexSizes:
     """Return, at each vertex, the edge length [m] over which a rounded tip turns by ``turn``.
 
-    The radius of a tip follows from its Gaussian curvature: the sum of the angle defects 2π − Σ
-    angles of its vertices, divided by its area. Coarse triangles preserve the sum of the defects
-    (Gauss-Bonnet), and the roughness of a scan cancels in this sum. Bends in one direction, such as
-    creases, have no angle defects. Defects at sharp edges (``ridges``) are ignored. ``turn`` is in
-    radians.
+    The radius of a tip follows from its Gaussian curvature: the sum of the angle defects
+    (2π − Σ angles) of its vertices, divided by its area. Coarse triangles preserve the sum of the
+    defects (Gauss-Bonnet), and the roughness of a scan cancels in this sum. Bends in one direction,
+    such as creases, have no angle defects. Defects at sharp edges (``ridges``) are ignored.
+    ``turn`` is in radians.
     """
     defect, area = _angle_defects(vertices, triangles, ridges)
     count = len(vertices)
@@ -304,7 +304,7 @@ def tip_sizes(
 
 
 def round_size(vertices: Vertices, triangles: Triangles, ridges: Ridges, turn: float) -> float:
-    """Return the edge length [m] over which the normal turns by ``turn``, on a sphere.
+    """Return the edge length [m] over which the normal of a sphere turns by ``turn``.
 
     The sphere has the body's mean Gaussian curvature: the sum of the angle defects divided by the
     area, both away from sharp edges (``ridges``). The result is infinite for bodies of flat faces.

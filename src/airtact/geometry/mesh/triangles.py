@@ -287,7 +287,7 @@ def shells(triangles: AnyTriangles, twins: Twins | None = None) -> Int64[np.ndar
 def components(
     start: Int[np.ndarray, "links"], end: Int[np.ndarray, "links"], count: int
 ) -> Int64[np.ndarray, "members"]:
-    """Return the index of the connected component of each of the ``count`` nodes of a graph."""
+    """Return the index of the connected component to which each of ``count`` nodes belongs."""
     links = coo_array((np.ones(len(start), dtype=bool), (start, end)), shape=(count, count))
     return connected_components(links, directed=False)[1].astype(np.int64)
 

@@ -115,7 +115,7 @@ class FittedHand:
         return self.skin(3.5e-3, 2.5e-3)
 
     def skin(self, *edges: float) -> Surface:
-        """Return the skin, meshed with the first of ``edges`` [m] at which no triangles cross.
+        """Return the skin, meshed with the first of ``edges`` [m] for which no triangles cross.
 
         If triangles cross at all these edge lengths, ``hand.surface`` is returned, without the
         offset to the points.

@@ -179,7 +179,8 @@ def replay(
     Parameters
     ----------
     frames : frames in the order of their times, such as ``load_recording(path).frames``.
-    speed : playback speed above 0; 2 is twice as fast, and infinity does not wait. 1 by default.
+    speed : playback speed above 0; 2 is twice as fast, and infinity plays without pauses. 1 by
+        default.
     clock : function that returns the time [s]; by default ``time.monotonic``.
     sleep : function that waits for a number of seconds; by default ``time.sleep``.
 

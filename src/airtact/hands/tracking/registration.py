@@ -93,9 +93,9 @@ def register(
         must not lie on a line: at least one must be about 20 mm or more from the line through the
         others.
     normals : (T, 3) unit normals of the touched faces in the frame of the scene, toward the finger.
-    offset : distance between the joint and a touched face [m], 0 to 0.05; by default the radius of
-        the tip of the index finger of a generic hand, 6.6 mm. None determines it from the touches,
-        which requires faces in different directions.
+    offset : distance between the joint and a touched face [m], 0 to 0.05; 6.6 mm by default,
+        the radius of a generic index fingertip. If None, it is determined from the touches, which
+        requires faces in different directions.
     scale : factor by which to multiply the tracker's lengths, 1 by default; None determines it from
         the touches.
 

@@ -408,14 +408,14 @@ class BendingPanels:
 class LeadingPanels:
     """The panels of a hand that radiate most.
 
-    Solving for these panels takes a tenth of the time of solving for all panels. The difference
-    between the two solutions is small, so moving it with the bones causes a smaller error than
-    moving a whole solution.
+    Solving for these panels takes a tenth of the time needed for all panels. The difference between
+    the two solutions is small, so moving it with the bones causes a smaller error than moving a
+    whole solution.
 
     Attributes
     ----------
     panels : the panels that radiate most.
-    sources : mask of their sources among the sources of all panels.
+    sources : mask that selects the sources of ``panels`` from those of all panels of the hand.
     """
 
     panels: BendingPanels

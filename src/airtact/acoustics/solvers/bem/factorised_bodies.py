@@ -137,7 +137,7 @@ class Coupling:
 
     @classmethod
     def of(cls, placed: Sequence[PlacedBody]) -> "Coupling | None":
-        """Compute the blocks, or return None if two bodies are too close for their skeletons."""
+        """Compute the blocks; return None if skeletons are inaccurate, as for close bodies."""
         for index, first in enumerate(placed):
             for second in placed[:index]:
                 points = second.pose.apply(second.reduced.surface.nodes.points)

@@ -57,7 +57,7 @@ def monopole_layer(positions: SourcePoints, wavenumber: complex) -> _kernels.Lay
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Points sorted into cells, at which the field of many sources is summed quickly.
+    """Points sorted into cells, so that the field of many sources can be summed quickly.
 
     Attributes
     ----------

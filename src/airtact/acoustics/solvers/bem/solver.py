@@ -331,11 +331,11 @@ class BoundaryElement(Solver):
         """Factorise each body once, for any sources and rigid motions of the bodies.
 
         For a new pose of two fingers, or for other foci, the returned solver
-        takes a fraction of the time of ``radiate``. Its field is known only
-        away from the bodies, as with ``estimate=False``. The factorisation
-        takes as long as tens of solves: 2 s for two fingers with 1,100 unknowns
-        each. The time grows as the cube of a body's unknowns, to minutes for a
-        hand with 8,000.
+        needs a fraction of the time that ``radiate`` takes. Its field is known
+        only away from the bodies, as with ``estimate=False``. The factorisation
+        takes as long as dozens of solves: 2 s for two fingers with 1,100 unknowns
+        each. The time grows as the cube of the number of unknowns per body,
+        to minutes for a hand with 8,000.
 
         Parameters
         ----------
@@ -407,7 +407,7 @@ class BoundaryElement(Solver):
         )
 
     def moving_panels(self, scene: Scene, refined: Points) -> "at.acoustics.MovingPanels":
-        """Cover one body with panels that can be moved, for solutions in single precision.
+        """Cover one body with panels that can be moved, for use in single-precision solves.
 
         Parameters
         ----------
