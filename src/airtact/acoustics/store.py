@@ -212,7 +212,7 @@ class Stored(Solver):
         return Stored(self.solver.reporting(progress), self.folder, self.most_bytes)
 
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
-        """Return the field of the monopoles, read from the folder if possible, otherwise solved.
+        """Return the field of the monopoles, read from the folder if possible, otherwise computed.
 
         Errors raised by the solver are passed on. If the field was read from the folder, ``store``
         is the only step in ``seconds`` of its report.

@@ -35,7 +35,7 @@ class Codec:
     encoded : function that writes the message of a frame; see ``encode``.
     decoded : function that reads the phase and amplitude of each channel from the messages to a
         number of boards; it returns None for incomplete frames.
-    baud : speed of the board's serial line [bit/s]; None without a serial line.
+    baud : speed of the board's serial line [bit/s]; None if the board has none.
     echo : bytes that the board sends back for a frame; empty if it does not answer.
     """
 

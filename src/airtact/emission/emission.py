@@ -52,7 +52,7 @@ class Emission:
     sequence, ``modulate`` plays a drive of varying amplitude, and ``hold`` keeps the current sound,
     each for a number of seconds. ``set_modulation`` applies to the current and later drives,
     ``silence`` fades the sound, ``stop`` silences the boards at once and for good, and ``beat``
-    only shows that the program still runs.
+    only shows that the program is still running.
 
     Use an emission as a context manager: ``with Emission(link) as emission:``. A separate process
     opens the link and ramps up the amplitude. It silences the boards, and waits for their

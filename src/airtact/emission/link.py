@@ -22,7 +22,7 @@ from airtact.transducers.levels import Levels
 
 
 class LinkFailed(RuntimeError):  # noqa: N818 (reads well in a traceback)
-    """Error raised if a link to boards fails after it was opened, or is used after its end.
+    """Error raised if a link to boards fails after it was opened, or is used after it ended.
 
     It is a ``RuntimeError``. If the boards stop answering, its message describes the last frame
     sent, which they may still be playing.

@@ -99,7 +99,7 @@ class Pose:
 
     @classmethod
     def turn(cls, axis: Vector, angle: float, translation: Vector = (0, 0, 0)) -> "Pose":
-        """Return the rotation about an axis through the origin, followed by a translation.
+        """Return the pose that rotates about an axis through the origin, then translates.
 
         Parameters
         ----------

@@ -40,7 +40,7 @@ class HandShape(Shape):
     ----------
     hulls : hulls of the body in the pose in which it was built.
     pose : pose relative to the frame in which the body was built.
-    follows : the keyframe whose meshes are deformed to fit this shape; None without a keyframe.
+    follows : the keyframe whose meshes are deformed to fit this shape; None if there is none.
     meshes : meshes of ``hulls`` that were already generated, by edge length [m].
     """
 

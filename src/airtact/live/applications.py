@@ -111,7 +111,7 @@ class ApplicationServer(WebSocketReceiver):
 
 
 def take_text(text: bytes | str, source: str, stream: HandStream, world: World) -> None:
-    """Process an application's message: pass hands to ``stream``, everything else to ``world``.
+    """Process an application's message: pass hands to ``stream`` and the rest to ``world``.
 
     Raises
     ------

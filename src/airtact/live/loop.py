@@ -52,7 +52,7 @@ class Status:
         reasons for silence and for rejected frames.
     processes : text about processes that have ended; empty if all are running.
     rate : number of drives sent to the boards per second, not counting silent drives.
-    age : median time from the newest frame to the sound in the air [s]; NaN without drives.
+    age : median time from the newest frame to the sound in the air [s]; NaN if there are no drives.
     kept : median of ``Moment.kept``: the pressure expected at the weakest focus, divided by that of
         a drive computed for the exact hand; NaN if unknown.
     unrecorded : data missing from the session, with the reason; None if it is complete or no
@@ -92,11 +92,11 @@ class Followed:
     seconds : duration of the run [s].
     frames : number of valid frames of the hand.
     drives : number of drives that reached the link, including silent ones.
-    rate : drives per second while there was sound; 0 without sound.
+    rate : drives per second while there was sound; 0 if there was none.
     age, oldest : median and 95th percentile of the time from the newest frame to the sound in the
-        air [s]; NaN without drives.
+        air [s]; NaN if there were no drives.
     delay : 95th percentile of the time from the arrival of a frame until the first drive
-        computed from it took effect (see ``Session.time_in_air``) [s]; NaN without drives.
+        computed from it took effect (see ``Session.time_in_air``) [s]; NaN if there were no drives.
     kept : median of ``Moment.kept``, the expected pressure at the weakest focus divided by that of
         a drive computed for the exact hand; NaN if unknown.
     faded : number of fades to silence for each reason, as a dict.

@@ -57,14 +57,14 @@ class Moment:
         "silent" or "stopped" (by the emergency stop).
     frames : (N, E) drives that are played in turn instead of ``amplitudes`` if the foci move; else
         None.
-    rate : number of ``frames`` that are played per second; 0 without frames.
+    rate : number of ``frames`` that are played per second; 0 if there are none.
     other : (25, 3) predicted joints of the other hand [m]; None if it is not seen.
     names : a name for each focus; if empty, the names are the places of the scene.
     strengths : (F,) strengths of the foci, from 0 to 1, to which the pressures are proportional;
         None if all are equal.
-    contacts : (C, 3) deepest point of each contact of skin with an object [m]; None without
-        objects.
-    depths : (C,) depths of the points ``contacts`` in the objects [m]; None without objects.
+    contacts : (C, 3) deepest point of each contact of skin with an object [m]; None if there
+        are no objects.
+    depths : (C,) depths of the points ``contacts`` in the objects [m]; None if there are none.
     touching : for each contact, the part of the hand, such as "left.index", and the name of the
         object.
     objects : the virtual objects at ``time``.

@@ -34,7 +34,7 @@ class Output:
     words : description of the output for the user, such as "no boards".
     stopped : whether ``stop``, the emergency stop, was called. After that, nothing is emitted, and
         methods that use the boards raise ``LinkFailed`` with the code "emission_over".
-    levels : amplitude and phase levels that the boards can emit; None without boards.
+    levels : amplitude and phase levels that the boards can emit; None if there are no boards.
     lead : longest possible delay between sending a drive and its effect [s]; 0 if drives take
         effect on arrival.
     """

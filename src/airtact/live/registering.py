@@ -157,7 +157,7 @@ def register_tracker(
 
     Returns
     -------
-    A ``RegisteredTracker`` with the fitted pose, which maps the tracker's frame to the scene, its
+    A ``RegisteredTracker`` with the fitted pose (from the tracker's frame to the scene's), its
     uncertainty, and the touched transducers. Its ``table`` is the text to add to the scene file.
 
     Raises

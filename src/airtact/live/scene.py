@@ -140,9 +140,9 @@ class LiveScene:
     places : names of the F places on the hand, such as ``"thumb.pad"``, that carry the foci.
     offsets : (F,) distances of the foci from the skin, outward [m].
     method : name of the method that computes the drives, a key of ``drives.METHODS``.
-    modulation : amplitude modulation that makes the drive perceptible; None without modulation.
+    modulation : amplitude modulation that makes the drive perceptible; None if there is none.
     moving : paths of the foci relative to the hand; None if they do not move.
-    planes : rigid planes, such as a table; empty without planes.
+    planes : rigid planes, such as a table; empty if there are none.
     objects : virtual objects at the start of the run, whose contacts are foci as well.
     both : whether both hands are followed; False by default. If True, ``radii`` apply to both
         hands, and places whose name lacks "left" or "right" are on the hand ``side``.

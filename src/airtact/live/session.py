@@ -68,9 +68,9 @@ class Session:
     drive_frame_time : (N,) timestamp of the newest frame that each drive used [s].
     rules, states : (N,) rule by which each drive was computed, and state of the live loop at that
         time, as in ``Moment.rule`` and ``Moment.state``.
-    kept : (N,) expected fraction of attainable pressure, as in ``Moment.kept``; NaN where unknown.
+    kept : (N,) expected fraction of the attainable pressure (``Moment.kept``); NaN where unknown.
     shape_age : (N,) age of the scattering solution that each drive used, as in ``Moment.shape_age``
-        [s]; NaN without a solution.
+        [s]; NaN if there was no solution.
     foci : (N, F, 3) predicted foci [m]; NaN where the hand was lost or a drive has fewer foci.
     joints : (N, 25, 3) predicted joints of the hand in WebXR order [m]; NaN where it was lost.
     frame_time : (M,) timestamps of the tracker's frames [s].

@@ -69,8 +69,9 @@ class HandSource:
 
         Parameters
         ----------
-        on_frame : function of a ``HandFrame`` in scene coordinates, and its time of arrival on the
-            clock of ``time.monotonic`` [s]. It is called in the thread that feeds ``stream``.
+        on_frame : function called with each ``HandFrame``, in scene coordinates, and its time of
+            arrival on the clock of ``time.monotonic`` [s]. It is called in the thread that feeds
+            ``stream``.
 
         Returns
         -------

@@ -160,7 +160,7 @@ class World:
     def foci(self, now: float) -> tuple[WantedFocus, ...]:
         """Return the currently requested foci with their current strengths.
 
-        ``now`` is the current time on the clock ``time.monotonic`` [s].
+        ``now`` is the current time on the clock of ``time.monotonic`` [s].
         """
         with self._lock:
             self._forget(now)

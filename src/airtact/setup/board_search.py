@@ -77,7 +77,7 @@ class Search:
     half : half the lengths of a board's sides [m].
     fixed : poses of boards that stay in place.
     mirror : index of the axis along which boards are mirrored in pairs, and coordinate of the
-        mirror plane [m]; None without mirroring.
+        mirror plane [m]; None if boards are not mirrored.
     share : layouts are ranked by the quantile ``share`` (from 0 to 1) of the pressure at the
         weakest focus over the poses of the hand. With 0, this is the pressure in the worst pose;
         with 0.1, the pressure that the weakest focus exceeds in 90 % of the poses.

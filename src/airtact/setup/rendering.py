@@ -84,7 +84,7 @@ class Rendering:
     robustness : pressures of the drive for samples of the setup's ``uncertainty`` that were not
         used to compute the drive; None if the setup has no uncertainty.
     traps : ``Verdict`` on the equilibrium nearest to each trap, or on the trap itself if there is
-        no equilibrium within half a wavelength; empty without traps.
+        no equilibrium within half a wavelength; empty if there are no traps.
     headline : sentence that states the pressures that ``drive`` and the control drive produce at
         the weakest focus.
     remarks : sentences on requests that were not met, and on the fraction of the upper bound

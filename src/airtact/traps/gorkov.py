@@ -112,7 +112,7 @@ def potential(
     scene : the air and the bodies in it.
     array : transducers in the frame of the scene; see ``PhasedArray.seen_from``.
     drive : drive of the array, one complex amplitude per element.
-    points : (P, 3) positions of the centre of the bead in the scene [m].
+    points : (P, 3) positions of the bead's centre in the scene [m].
     radius : radius of the bead [m], above 0 and at most an eighth of a wavelength.
     density, sound_speed : density [kg/m³], 0.01 to 30,000, and speed of sound [m/s], 100 to 10,000,
         of the bead, which is treated as a fluid sphere; by default, those of expanded polystyrene.
@@ -161,7 +161,7 @@ def force(
     scene : the air and the bodies in it.
     array : transducers in the frame of the scene; see ``PhasedArray.seen_from``.
     drive : drive of the array, one complex amplitude per element.
-    points : (P, 3) positions of the centre of the bead in the scene [m].
+    points : (P, 3) positions of the bead's centre in the scene [m].
     radius : radius of the bead [m], above 0 and at most an eighth of a wavelength. For larger
         beads, use ``body_force``.
     density, sound_speed : density [kg/m³], 0.01 to 30,000, and speed of sound [m/s], 100 to 10,000,
@@ -223,7 +223,7 @@ def stiffness(
     scene : the air and the bodies in it.
     array : transducers in the frame of the scene.
     drive : drive of the array, one complex amplitude per element.
-    points : (P, 3) positions of the centre of the bead in the scene [m].
+    points : (P, 3) positions of the bead's centre in the scene [m].
     radius : radius of the bead [m], above zero and at most an eighth of a wavelength.
     density, sound_speed : density [kg/m³], 0.01 to 30,000, and speed of sound [m/s], 100 to 10,000,
         of the bead, which is treated as a fluid sphere; by default, those of expanded polystyrene.
@@ -412,7 +412,7 @@ class Verdict:
 
     Attributes
     ----------
-    point : (3,) position of the centre of the bead [m].
+    point : (3,) position of the bead's centre [m].
     force : (3,) radiation force on the bead at the point, without its weight [N].
     stiffness : (3, 3) stiffness matrix at the point, as returned by ``stiffness`` [N/m].
     shift : (3,) vector from the point to the place where the radiation force is zero [m], estimated
@@ -421,7 +421,7 @@ class Verdict:
         restoring force within a quarter of a wavelength of the point, along the weakest of the six
         directions ±x, ±y and ±z; 0 if there is none.
     excess : relative amount by which Gor'kov's potential overestimates force and stiffness for this
-        bead; 0.1 is 10 %. The other attributes are not corrected.
+        bead; 0.1 is 10 %. The other attributes are not corrected for it.
     wavelength : wavelength of the sound [m].
     """
 
@@ -509,7 +509,7 @@ def verdict(
     scene : the air and the bodies in it.
     array : transducers in the frame of the scene; see ``PhasedArray.seen_from``.
     drive : drive of the array, one complex amplitude per element.
-    points : (P, 3) positions of the centre of the bead in the scene [m].
+    points : (P, 3) positions of the bead's centre in the scene [m].
     radius : radius of the bead [m], above 0 and at most an eighth of a wavelength.
     density, sound_speed : density [kg/m³], 0.01 to 30,000, and speed of sound [m/s], 100 to 10,000,
         of the bead, which is treated as a fluid sphere; by default, those of expanded polystyrene.

@@ -62,7 +62,7 @@ class Trap:
 
     Attributes
     ----------
-    point : (3,) position of the centre of the bead in the scene [m].
+    point : (3,) position of the bead's centre in the scene [m].
     kind : "twin" (the default) for two lobes of opposite phase, one on each side of the bead along
         ``axis``; "vortex" for a ring of high pressure around ``axis``, along which the phase
         increases by 2π.

@@ -149,7 +149,7 @@ def gmres(
     error: float = math.inf,
     most_iterations: int = 120,
 ) -> GmresResult:
-    """Solve A x = b for several b, in the precision of the right-hand sides.
+    """Solve A x = b for several vectors b, in the precision of the right-hand sides.
 
     Parameters
     ----------

@@ -46,7 +46,7 @@ def even_pass(
 
     Parameters
     ----------
-    vertices, triangles : the mesh. Edges on the border of an open mesh remain.
+    vertices, triangles : the mesh. Edges on the border of an open mesh are kept.
     sizes : (V,) target edge length at each vertex [m].
     pull : distance by which a vertex is moved toward the centre of its neighbours, as a fraction of
         its distance from this centre.

@@ -133,7 +133,7 @@ def unit(vectors: Float64[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 
 
 
 def edge_lengths(panels: Real[np.ndarray, "panels nodes 3"]) -> Float64[np.ndarray, "panels 3"]:
-    """Return the straight lengths [m] of edges 01, 12, 20 of flat or curved triangles."""
+    """Return the straight-line lengths [m] of edges 01, 12, 20 of flat or curved triangles."""
     along = panels[:, [1, 2, 0]] - panels[:, :3]
     return np.sqrt(np.einsum("tki,tki->tk", along, along))
 

@@ -82,7 +82,7 @@ class Observation:
     side : "right" or "left".
     anatomy : prior on the sizes of the hand.
     camera : (3,) position of the camera [m]; None if the points were seen from several directions.
-    silhouette : silhouette seen by the camera; None without a camera.
+    silhouette : silhouette seen by the camera; None if there is no camera.
     each : number of measured points that each averaged point represents.
     """
 

@@ -180,7 +180,7 @@ def eliminate(
     right: Complex128[np.ndarray, "nodes excitations"],
     transposed: bool,
 ) -> GmresResult:
-    """Solve a linear system whose matrix is the sum of ``matrices`` by Gaussian elimination.
+    """Solve, by Gaussian elimination, a linear system whose matrix is the sum of ``matrices``.
 
     The matrices must not contain low-rank blocks. Only the residual for the sum of all right-hand
     sides is computed, because this takes a single product with the matrix.

@@ -415,7 +415,7 @@ class Located:
         projected onto their panel.
     near : (P,) mask of the points that need accurate integrals over near panels.
     contact : (P,) mask of the points that touch a panel.
-    outside : (P,) mask of the points outside the bodies or in contact; False behind a plane.
+    outside : (P,) mask of the points outside the bodies or on their panels; False behind a plane.
     """
 
     points: Vectors

@@ -170,7 +170,7 @@ class BoundaryElement(Solver):
 
         Parameters
         ----------
-        scene : sound-hard or impedance bodies. Their images in a plane add no unknowns.
+        scene : scene with sound-hard or impedance bodies. Their images in a plane add no unknowns.
         sources : monopoles outside the bodies or on their surfaces. If there is a plane, they must
             be in front of it or on it. If sources lie in the faces of reflecting boards, the
             returned field is known only around the other bodies, and the panels near these sources
@@ -339,7 +339,7 @@ class BoundaryElement(Solver):
 
         Parameters
         ----------
-        scene : sound-hard or impedance bodies.
+        scene : scene with sound-hard or impedance bodies.
         refined : (P, 3) points [m], such as later foci, near which the panels are smaller.
 
         Returns
