@@ -106,7 +106,7 @@ class HandSource:
 
 
 class RecordedHands(HandSource):
-    """Source of hands for ``follow`` that plays a recording with its intervals between frames.
+    """Source of hands for ``follow`` that plays a recording with its original frame intervals.
 
     The frames must be in scene coordinates, because they are passed on unchanged.
 

@@ -99,7 +99,7 @@ class SolverProcess:
 def solve_hands(
     mailbox: Mailbox, send: Callable[[object], None], scene: LiveScene, part: Rule
 ) -> None:
-    """Compute the scattering by a part of each newest hand, until no more hands arrive."""
+    """Repeatedly compute the scattering by part of the newest hand, until no more hands arrive."""
     # Phalanges and carried solutions are urgent, but whole hands are not.
     give_way(15 if part == "hand" else 5)
     if part == "contacts":
