@@ -155,7 +155,7 @@ def extra(name: str, need: str) -> Iterator[None]:
 
 
 def counted(number: int, singular: str, plural: str) -> str:
-    """Format a number followed by its noun, in the singular or plural.
+    """Format a number followed by a noun in the singular or plural.
 
     Examples
     --------
@@ -474,7 +474,7 @@ def as_sentence(words: str) -> str:
 
 
 def span(values: Iterable[float], unit: str, form: str = ".4g") -> str:
-    """Format the range of some values with its unit, or a single value if all are equal.
+    """Format the range of some values with their unit, or a single value if all are equal.
 
     Examples
     --------

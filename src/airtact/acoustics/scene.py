@@ -361,7 +361,7 @@ class Scene:
         open air.
     frequency : frequency of the sound [Hz], 1 kHz to 1 MHz.
     planes : list with at most one rigid plane, such as a table (see ``plane``), at least 0.15 mm
-        from all bodies; empty if nothing but the bodies reflects.
+        from all bodies; empty if only the bodies reflect sound.
 
     Raises
     ------

@@ -74,7 +74,7 @@ def packed(field: RadiatedField, key: str) -> bytes:
 
 
 def unpacked(content: bytes, key: str, scene: Scene, sources: Monopoles) -> RadiatedField | None:
-    """Return the field in a file's bytes, or None if they are damaged or the key differs."""
+    """Return the field stored in the bytes; None if they are damaged or have a different key."""
     archive = content[64:]
     if content[:64] != _checksum(key, archive):
         return None

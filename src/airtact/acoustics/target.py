@@ -172,9 +172,9 @@ class Target:
     def weakest(self, pressures: Float64[np.ndarray, "foci"]) -> int:
         """Return the index of the focus with the least pressure relative to its weight.
 
-        Foci of weight 0 are ignored. Most drive methods make the ratio of pressure to weight nearly
-        equal at all foci. If the ratios of several foci are within 1 % of the smallest, the focus
-        with the lowest pressure is returned.
+        Foci with weight 0 are ignored. Most drive methods make the ratio of pressure to weight
+        nearly equal at all foci. If the ratios of several foci are within 1 % of the smallest, the
+        focus with the lowest pressure is returned.
 
         Parameters
         ----------

@@ -140,7 +140,8 @@ def circle(
     Returns
     -------
     (F, 3) points [m], anticlockwise as seen from the side to which the normal points. For the
-    default normal, the first point is at +x from the centre; for others, anywhere on the circle.
+    default normal, the first point is at +x from the centre; for other normals, it can be anywhere
+    on the circle.
 
     Raises
     ------
@@ -314,7 +315,7 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
 
 
 def spaced_apart(points: Points, spacing: float) -> Float64[np.ndarray, "kept 3"]:
-    """Return the points in order, omitting each that is within ``spacing`` [m] of a kept point."""
+    """Return the points in order, omitting each point within ``spacing`` [m] of a kept point."""
     remaining = []
     dropped = np.zeros(len(points), dtype=bool)
     tree = KDTree(points)

@@ -111,7 +111,8 @@ def live(
     such as at = "thumb.pad". Without --board, drives are computed and recorded, but nothing is
     emitted. The sound fades to silence if the hand is lost, leaves the workspace, or is not seen
     for 150 ms. Without --cap and --full-scale, the level half a metre from the array is limited to
-    110 dB. Ctrl-C ends the run and silences the boards. The folder --out receives session.h5.
+    110 dB. Ctrl-C ends the run and silences the boards. The file session.h5 is written to the
+    folder --out.
 
     --record writes the frames from trackers to a recording and does not read SCENE. --verify
     evaluates ten drives of a recorded session with an accurate solve for the hand, and compares

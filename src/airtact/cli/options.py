@@ -21,7 +21,7 @@ FILE = click.Path(path_type=Path)
 
 
 class InputFile(click.ParamType):
-    """Click parameter type for a file to read, or the name of an example."""
+    """Click parameter type for the path of a file to read or the name of an example."""
 
     name = "file"
 

@@ -82,7 +82,7 @@ def register(
         setup = at.read_scene(scene)
         if write and at.example("live_pinch").parent in scene.resolve().parents:
             raise at.InvalidInput(
-                f"{scene.name} is an example: use --out for a copy with [tracker].",
+                f"{scene.name} is an example: use --out to write a copy with [tracker].",
                 code="not_writable",
             )
         # Find out now whether the file can be changed, before the user touches anything.

@@ -37,7 +37,7 @@ def why(
     table with a column for each focus. The first row is the largest pressure [Pa] that the array
     can produce anywhere in open air. Each further row adds the effect of one cause, such as the
     distance of the focus, the shadow of the hand, the other foci, or rounding, and shows the
-    pressure that remains and its change. The line below the table names the change of the scene
+    pressure that remains and its change. The line below the table names the change to the scene
     that would most increase the pressure at the weakest focus. Scenes with traps are not supported.
     """
     with progress() as report_step:

@@ -170,10 +170,10 @@ class HeadLevel:
         return self.at(1.0)[0]
 
     def safe_cap(self) -> float:
-        """Return a cap whose peak level is at most ``MAX_HEAD_LEVEL``.
+        """Return a cap at which the peak level is at most ``MAX_HEAD_LEVEL``.
 
         The cap is 1 if full scale does not exceed this level. Otherwise, the cap is usually about a
-        tenth below the largest cap that keeps to this level.
+        tenth below the largest cap at which the level is not exceeded.
 
         Raises
         ------

@@ -38,7 +38,7 @@ def time_reversal(transfer: TransferMatrix, target: Target) -> Drive:
     -------
     A ``Drive`` of E elements, scaled so that the smallest ratio of pressure to request is 1. If
     this requires more than full scale, or if no pressure is requested, the largest amplitude is 1.
-    ``achieved_fraction`` returns the ratio at each focus.
+    ``achieved_fraction`` returns the ratio of pressure to request at each focus.
 
     Raises
     ------

@@ -388,7 +388,7 @@ def check_foci(transfer: TransferMatrix, target: Target) -> None:
 
 
 def foci_rows(transfer: TransferMatrix, target: Target) -> FociRows:
-    """Return the rows of the matrix at the foci, after checking them with ``check_foci``."""
+    """Return the rows of the matrix for the foci, after checking them with ``check_foci``."""
     check_foci(transfer, target)
     return transfer.matrix[: len(target.points)]
 

@@ -66,7 +66,7 @@ class Codec:
         ]
 
     def fastest_frames(self, boards: int = 1) -> float:
-        """Largest frame rate of the boards' serial line [frames/s], or infinity without one."""
+        """Largest frame rate of the boards' serial line [frames/s]; infinite if there is none."""
         if self.baud is None:
             return np.inf
         zeros = np.zeros(boards * len(self.board), dtype=np.uint8)

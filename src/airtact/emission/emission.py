@@ -87,8 +87,8 @@ class Emission:
     ----------
     cap : largest amplitude of an element, as a fraction of full scale; it may be changed during the
         emission.
-    process : id of the process that opened the link; None before opening, after the end, or if it
-        is this process.
+    process : id of the process that opened the link; None before the link is opened, after the
+        emission has ended, or if this process opened the link.
     share : factor by which the ramp scaled the latest drive when it was sent; below 1 during a
         ramp.
 
@@ -277,7 +277,7 @@ class Emission:
         Returns
         -------
         Statistics of the playback. Boards that repeat a sequence themselves drop no frames. For
-        other boards, frames that are late by their whole duration are dropped to keep the rate.
+        other boards, frames that are late by a full frame duration are dropped to keep the rate.
 
         Raises
         ------

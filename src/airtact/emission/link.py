@@ -68,7 +68,7 @@ class Link(ABC):
         otherwise every frame must be sent in time.
     lead : longest possible delay between sending a frame and its effect [s]; 0 if frames take
         effect on arrival.
-    last : last ``Frame`` sent; None before the first.
+    last : last ``Frame`` that was sent; None before the first frame.
     sent : number of frames sent since the link was opened.
 
     Raises
@@ -115,7 +115,7 @@ class Link(ABC):
 
     @property
     def fastest_frames(self) -> float:
-        """Largest frame rate of the boards' serial line [frames/s], or infinity without one."""
+        """Largest frame rate of the boards' serial line [frames/s]; infinite if there is none."""
         return self.codec.fastest_frames(self.boards)
 
     @property
@@ -416,7 +416,7 @@ class RecordingLink(Link):
             self._seconds += seconds
 
     def recorded(self, first: int) -> tuple[list[Frame], list[float]]:
-        """Return up to 64 frames, starting at index ``first``, and the times they were sent [s]."""
+        """Return up to 64 frames from index ``first`` on, and the time [s] when each was sent."""
         # There are at most 64 because a long message would delay the watchdog.
         return self._frames[first : first + 64], self._seconds[first : first + 64]
 

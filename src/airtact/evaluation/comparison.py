@@ -37,8 +37,8 @@ HELD_EQUAL = {
 class Comparison:
     """The pressure at each of F foci for D drives, as returned by ``compare``.
 
-    Printing it shows the pressure at the weakest focus of each drive, in brackets the ratio to the
-    first drive. ``weakest``, ``ratios`` and ``table`` return these numbers.
+    Printing it shows the pressure at the weakest focus of each drive, followed by its ratio to that
+    of the first drive in brackets. ``weakest``, ``ratios`` and ``table`` return these numbers.
 
     Attributes
     ----------
@@ -343,7 +343,7 @@ class HeldOut:
         return np.quantile(self.pressures, 0.1, axis=1)
 
     def sentence(self) -> str:
-        """State the pressure that the weakest focus exceeds in 9 of 10 samples, as a sentence."""
+        """State, in a sentence, the pressure that the weakest focus exceeds in 9 of 10 samples."""
         first, *rest = self.lowest_tenth
         words = [f"{name}: {pascals(low)}" for name, low in zip(self.names[1:], rest, strict=True)]
         compared = f" ({', '.join(words)} at equal energy)" if words else ""

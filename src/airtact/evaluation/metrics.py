@@ -23,7 +23,7 @@ from airtact.transducers.placement import check_placement, strength_in
 def drive_sources(
     array: PhasedArray, drives: Sequence[Drive], scene: Scene | None = None
 ) -> Monopoles:
-    """Return the points on the faces of all elements as monopoles, one excitation per drive.
+    """Return the points on the faces of all elements as monopoles with one excitation per drive.
 
     ``Solver.radiate`` computes the field of these monopoles.
 
@@ -115,8 +115,9 @@ def field_map(
 ) -> Complex128[np.ndarray, "points"]:
     """Return the complex pressure of a drive at any points, including scattering by all bodies.
 
-    A single solve has the face points of all elements as its sources. No transfer matrix is used,
-    so the result can verify a drive that was computed from a transfer matrix.
+    The function performs a single solve, whose sources are the points on the faces of all elements.
+    No transfer matrix is used, so the result can verify a drive that was computed from a transfer
+    matrix.
 
     Parameters
     ----------
@@ -397,7 +398,7 @@ def evaluate(
 ) -> Evaluation:
     """Compute the pressure of a drive at the foci, with a single solve for the whole array.
 
-    The solve has the points on the faces of all elements as its sources. It does not use a transfer
+    The sources of the solve are the points on the faces of all elements. It does not use a transfer
     matrix, so the result can verify a drive that was computed from one.
 
     Parameters
@@ -445,7 +446,7 @@ THRESHOLDS: dict[str, float] = {"amplitude": 557.0, "spatiotemporal": 334.0}
 
 
 def constant_force_note(fastest: float = np.inf) -> str:
-    """Return a note that recommends modulation at 200 Hz, or at ``fastest`` [Hz] if lower.
+    """Return a note that recommends modulation at 200 Hz, or at ``fastest`` [Hz] if that is lower.
 
     Examples
     --------

@@ -353,7 +353,8 @@ class Microphone:
         axis = real_numbers(np.asarray(self.axis), "the axis of a microphone")
         if axis.shape != (3,) or not np.linalg.norm(axis) > 0.0:
             raise InvalidInput(
-                f"the axis of a microphone is {axis.tolist()}. Use three numbers, not all 0.",
+                f"the axis of a microphone is {axis.tolist()}. Use three numbers that are not all "
+                "0.",
                 code="wrong_shape",
             )
 

@@ -55,7 +55,7 @@ class Slices:
 def slices_around(
     field: RadiatedField, columns: Sequence[int], foci: Real[np.ndarray, "foci 3"], window: Window
 ) -> Slices:
-    """Evaluate a field in planes perpendicular to the frame axis closest to a window's normal.
+    """Evaluate a field in planes perpendicular to the axis closest to a window's normal.
 
     The complex pressure is evaluated at four to five points per wavelength and interpolated by
     cubic splines. At a sound-hard surface, the normal derivative of the pressure vanishes. Near the
@@ -72,7 +72,7 @@ def slices_around(
 
     Returns
     -------
-    Pressure in planes that extend 1.5 wavelengths past the foci.
+    Pressure in planes that extend 1.5 wavelengths beyond the foci.
     """
     wavelength = field.scene.wavelength
     normal = int(np.argmax(np.abs(window.normal)))

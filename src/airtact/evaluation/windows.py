@@ -96,8 +96,8 @@ def plane_through(
     """Return a window in the plane that fits the foci best.
 
     If the foci define only a line or a point, the plane also passes through the bodies. The window
-    extends three wavelengths past the outermost foci and contains at most about 20,000 points. Its
-    sides are parallel to the axes of the frame if the plane allows this.
+    extends three wavelengths beyond the outermost foci and contains at most about 20,000 points.
+    Its sides are parallel to the axes of the frame if the plane allows this.
     """
     middle = foci.mean(axis=0)
     # Principal directions of the foci, the widest first. A spread below a tenth of a wavelength
@@ -189,7 +189,7 @@ class Box:
 def box_around(
     foci: Real[np.ndarray, "foci 3"], wavelength: float, max_points: int = 60_000
 ) -> Box:
-    """Return a box reaching 1.5 wavelengths past the foci, with up to 8 points per wavelength."""
+    """Return a box around the foci that extends 1.5 wavelengths beyond them."""
     lowest = foci.min(axis=0) - 1.5 * wavelength
     size = foci.max(axis=0) + 1.5 * wavelength - lowest
     step = float(max(wavelength / 8, np.cbrt(np.prod(size) / max_points)))

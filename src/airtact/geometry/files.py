@@ -43,10 +43,10 @@ def load_surface(
         none. Wider holes raise an error.
     sharp_degrees : angle by which the surface turns at an edge, above which the edge remains sharp
         [degrees]; 75 by default. The surface is smooth across all other edges.
-    union : whether to replace overlapping parts, such as those of a CAD export, by one surface
-        around all of them. This surface is computed on a grid with a spacing of 1/256 of the body's
-        length. Edges are rounded on the scale of the grid, but edges that turn by more than 30
-        degrees are still treated as sharp.
+    union : whether to replace overlapping parts, such as those of a CAD export, with a single
+        surface around all of them. This surface is computed on a grid with a spacing of 1/256 of
+        the body's length. Edges are rounded on the scale of the grid, but edges that turn by more
+        than 30 degrees are still treated as sharp.
     smallest : width below which bores and gaps are filled, and walls and ribs are removed [m]; at
         least 1/64 of the body's length. The new surface deviates by at most about half of this
         width and has as few triangles as possible. Edges that turn by more than 25 degrees stay

@@ -230,8 +230,8 @@ def rigid_motion(before: Surface, after: Surface) -> tuple[Pose, float]:
     """Return the least-squares rigid motion from one surface to another with the same triangles.
 
     The second result is the largest distance [m] between corresponding vertices or edge midpoints
-    after this motion. It is infinite if the surfaces differ in their triangles or in how these are
-    curved.
+    after this motion. It is infinite if the surfaces differ in their triangles or in how the
+    triangles are curved.
     """
     if before is after:
         return Pose.identity(), 0.0

@@ -54,10 +54,10 @@ class Look(NamedTuple):
 class Hulls:
     """Convex hulls of balls, and the radii that blend them.
 
-    Two hulls with outward normals n, m are blended by the smooth minimum of their distances, with a
-    blend radius of ``blend`` (1 - n·m)/2. Skins that face each other merge if their distance is
-    less than half of ``blend``. At a right angle, the blend radius is half of ``blend``. Hulls that
-    share a ball join without a bulge.
+    Two hulls with outward normals n and m are blended by the smooth minimum of their distances,
+    with a blend radius of ``blend`` (1 - n·m)/2. Skins that face each other merge if their distance
+    is less than half of ``blend``. At a right angle, the blend radius is half of ``blend``. Hulls
+    that share a ball join without a bulge.
 
     Attributes
     ----------
@@ -155,7 +155,7 @@ class Touch:
     Attributes
     ----------
     first, second : names of the parts, such as "last phalanx of the thumb" and "palm".
-    gap : distance between their skins before they were merged, negative if they overlapped [m].
+    gap : distance between the skins of the parts before merging, negative if they overlapped [m].
     place : (3,) position midway between the skins, in the frame of the joints [m].
     """
 

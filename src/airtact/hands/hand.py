@@ -197,7 +197,7 @@ class Hand:
 
         Parameters
         ----------
-        array : elements that radiate to one side, such as a board.
+        array : array whose elements all radiate to the same side, such as a board.
         height : distance of the position from the array's centre, along the array's mean normal
             [m].
         place : name of the position, one of ``places``.

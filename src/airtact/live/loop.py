@@ -43,8 +43,8 @@ REPORT_INTERVAL = 0.5
 class Status:
     """State of the live loop; its numbers refer to the last second.
 
-    The live loop passes it twice a second to the function ``report`` of ``run``. ``str`` converts
-    it to one line.
+    The live loop passes a ``Status`` to the function ``report`` of ``run`` twice a second. ``str``
+    converts it to one line.
 
     Attributes
     ----------
@@ -57,8 +57,8 @@ class Status:
         a drive computed for the exact hand; NaN if unknown.
     unrecorded : data missing from the session, with the reason; None if it is complete or no
         session is recorded.
-    rejected : reason why the last rejected message of an application was rejected; empty if this
-        was more than 3 s ago.
+    rejected : reason for the latest rejection of an application's message; empty if no message was
+        rejected in the last 3 s.
     """
 
     state: str
@@ -93,8 +93,8 @@ class Followed:
     frames : number of valid frames of the hand.
     drives : number of drives that reached the link, including silent ones.
     rate : drives per second while there was sound; 0 if there was none.
-    age, oldest : median and 95th percentile of the time from the newest frame to the sound in the
-        air [s]; NaN if there were no drives.
+    age, oldest : median and 95th percentile of the time from the newest frame until the sound is in
+        the air [s]; NaN if there were no drives.
     delay : 95th percentile of the time from the arrival of a frame until the first drive
         computed from it took effect (see ``Session.time_in_air``) [s]; NaN if there were no drives.
     kept : median of ``Moment.kept``, the expected pressure at the weakest focus divided by that of

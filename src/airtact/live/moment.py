@@ -64,7 +64,8 @@ class Moment:
         None if all are equal.
     contacts : (C, 3) deepest point of each contact of skin with an object [m]; None if there
         are no objects.
-    depths : (C,) depths of the points ``contacts`` in the objects [m]; None if there are none.
+    depths : (C,) depths in the objects at the points ``contacts`` [m]; None if there are no
+        objects.
     touching : for each contact, the part of the hand, such as "left.index", and the name of the
         object.
     objects : the virtual objects at ``time``.

@@ -192,11 +192,11 @@ def live_scene(setup: Setup) -> LiveScene:
     ------
     InvalidInput
         If the scene contains bodies other than one or two sound-hard hands, or reflecting boards.
-        If it has neither objects nor foci, or has a focus that is not at a place on a hand. If it
-        requests pressures, unequal shares, phases or suppression. If its method needs samples of an
-        uncertainty. If it combines paths of foci with virtual objects or two hands. If a path
-        leaves the skin, has more than 64 frames, or has frames shorter than one period of the
-        sound.
+        If the scene has neither objects nor foci, or has a focus that is not at a place on a hand.
+        If the scene requests pressures, unequal shares, phases or suppression. If its method needs
+        samples of an uncertainty. If the scene combines paths of foci with virtual objects or two
+        hands. If a path leaves the skin, has more than 64 frames, or has frames shorter than one
+        period of the sound.
     """
     name = _file_name(setup)
     check_no_boards(setup.scene, "live")

@@ -78,7 +78,7 @@ class Session:
     sides : (M,) "left" or "right" for the hand in each frame.
     strengths : (N, F) strengths of the foci, from 0 to 1; 1 if all are equal.
     contacts : (N, C, 3) points of the skin in contact with objects [m]; unused entries are NaN.
-    depths : (N, C) depths of the points ``contacts`` in the objects [m]; unused entries are NaN.
+    depths : (N, C) depths in the objects at the points ``contacts`` [m]; unused entries are NaN.
     other : (N, 25, 3) predicted joints of the other hand [m]; NaN where it was not seen.
     """
 

@@ -230,7 +230,7 @@ class ReceivedHands(HandSource):
 
 
 def moved_to(recording: Recording, hand: Hand) -> Recording:
-    """Move a recorded hand so that its palm coincides with another hand's; mirror it if needed."""
+    """Move a recorded hand so that its palm matches that of another hand; mirror it if needed."""
     # The wrist and the ends of the metacarpals hardly move relative to each other.
     palm = [0, 5, 6, 10, 11, 15, 16, 20, 21]
     seen = [frame for frame in recording.frames if frame.landmarks is not None]

@@ -155,7 +155,7 @@ def draw_receivers(
     values: Mapping[str, Float64[np.ndarray, "elements"]],
     label: str,
 ) -> Figure:
-    """Draw a positive value per transducer on a logarithmic scale, in one picture per name."""
+    """Draw positive values of all transducers on a logarithmic scale, one picture per name."""
     rows, columns, width, height = _panels(positions, normals, len(values))
     size = columns * (width + 0.9) + 0.9, rows * (height + 1.0)
     figure = Figure(figsize=size, layout="constrained")

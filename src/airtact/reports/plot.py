@@ -63,8 +63,8 @@ def field(
         relative to it [dB].
     plane : "xy", "xz" or "yz" for a plane through the centre of the foci; by default, the plane
         that best fits the foci and bodies.
-    size : width and height of the picture [m]; by default, the picture extends a few
-        wavelengths past the foci.
+    size : width and height of the picture [m]; by default, the picture extends a few wavelengths
+        beyond the foci.
     most : pressure at the end of the colour scale [Pa]; by default, the largest pressure in the
         plane.
     ax : axes to draw into; by default, those of a new figure.

@@ -116,8 +116,8 @@ def scattering_matrix(
     ------
     InvalidInput
         If the scene has no bodies, or has planes or reflecting boards. If ``accuracy`` is outside
-        its range, or the bodies require waves above order 80. If the solver does not support the
-        bodies or cannot compute the field around them.
+        its range, or the bodies require waves of an order above 80. If the solver does not support
+        the bodies or cannot compute the field around them.
     NotConverged
         If the solver stops before it converges.
 

@@ -200,7 +200,7 @@ class ArrayFit:
     def groups(self) -> Int32[np.ndarray, "2 elements"]:
         """(2, E) group number of each receiver and emitter; the gains of groups are independent.
 
-        Two boards form two groups: emission of the first with reception of the second, and the
+        Two boards form two groups: emission by the first with reception by the second, and the
         reverse.
         """
         none = np.zeros_like(self.counted)

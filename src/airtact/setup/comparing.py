@@ -162,7 +162,7 @@ class MethodComparison:
         return sorted(self.contenders, key=rank)
 
     def worst(self, contender: Contender) -> float:
-        """Return a method's smallest ratio of pressure to weight [Pa], over foci of weight > 0."""
+        """Return a method's smallest ratio of pressure to weight [Pa]; weights of 0 are ignored."""
         weights = self.setup.target.weights
         requested = weights > 0.0
         return float((contender.pressures[requested] / weights[requested]).min())
@@ -410,7 +410,7 @@ def _compare_methods(
 
 
 def _weakest(transfer: TransferMatrix, target: Target, drive: Drive) -> float:
-    """Return the smallest ratio of pressure to weight [Pa] over foci with positive weight."""
+    """Return the smallest ratio of pressure to weight [Pa] at foci with positive weight."""
     asked = target.weights > 0.0
     pressures = np.abs(transfer.pressure(drive)[: len(asked)][asked])
     return float((pressures / target.weights[asked]).min())

@@ -100,8 +100,8 @@ class Placement:
     board : name of the kind of the boards.
     layouts : all layouts that were tried, as ``Layout`` objects, best first. The best few were
         refined.
-    present : pressure with the setup's present array, for the same poses of the hand as the layouts
-        [Pa]; NaN if the array overlaps the hand in one of these poses.
+    present : pressure with the setup's present array, for the same poses of the hand as for the
+        layouts [Pa]; NaN if the array overlaps the hand in one of these poses.
     verified : pressure with the best layout [Pa], verified by a more accurate solve.
     moves : (B, 6) relative change of the pressure (−0.1 is a loss of 10 %) if one of the B boards
         of the best layout is moved by 1 cm along x, y or z of the scene, or turned by 5 degrees

@@ -244,7 +244,7 @@ def plan(
 def default_level(
     setup: "at.Setup", drive: Drive, transfer: TransferMatrix, moving: "at.setup.MovingDrive | None"
 ) -> Iterator[str]:
-    """State the pressure that ``airtact emit`` produces by default, if it limits the drive.
+    """State the default pressure of ``airtact emit`` if that command limits the drive.
 
     Parameters
     ----------

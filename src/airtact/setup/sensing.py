@@ -293,8 +293,9 @@ def calibrate_array(
 
     Returns
     -------
-    The calibration, and the errors of the worst board's position [m] and of the speed of sound
-    [m/s]. For measured transmissions, the errors are unknown, and None is returned in their place.
+    The calibration, the largest error of a board's position [m], and the error of the speed of
+    sound [m/s]. For measured transmissions, the errors are unknown, and None is returned in their
+    place.
 
     Raises
     ------

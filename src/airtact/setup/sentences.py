@@ -281,7 +281,7 @@ def share_of_bound(setup: Setup, transfer: TransferMatrix, drive: Drive) -> str:
 
 
 def too_strong(setup: Setup, emitted: Float64[np.ndarray, "foci"]) -> tuple[str, ...]:
-    """Warn if rounding makes the pressure at a focus over 10 % higher than requested."""
+    """Warn if rounding raises the pressure at a focus to more than 10 % above the request."""
     excess = np.nan_to_num(fraction(emitted, setup.target))
     strongest = int(excess.argmax())
     times = float(excess[strongest])

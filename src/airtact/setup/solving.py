@@ -44,8 +44,8 @@ def solve_beacons(
 ) -> RadiatedField:
     """Compute the field of a source (beacon) at each focus and suppression point.
 
-    If the setup has an uncertainty, the field is expanded in multipoles where possible, because
-    these are faster to evaluate. With ``estimate=False``, boundary elements solve only the
+    If the setup has an uncertainty, the field is expanded in multipoles where possible, because the
+    expansion is faster to evaluate. With ``estimate=False``, boundary elements solve only the
     transposed equation and do not estimate their error; this is enough if a verification follows.
     """
     target = setup.target
@@ -164,7 +164,7 @@ def rounding(
 ) -> Float64[np.ndarray, "foci"]:
     """Return the factor (F,) by which rounding to levels changes the pressure at each focus.
 
-    The factors are 1 at foci of weight 0, and everywhere if the rounded drive is silent.
+    The factors are 1 at foci with weight 0, and at all foci if the rounded drive is silent.
     """
     rounded = quantise(Drive(amplitudes), levels).drive().amplitudes
     exact = np.abs(rows @ amplitudes)

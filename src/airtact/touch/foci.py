@@ -37,10 +37,10 @@ class TouchFoci:
     names : name of each focus, "PART at OBJECT" such as "index at ball", numbered if a contact has
         several foci.
     skin_points : (F,) index in ``Skin.points`` of the point nearest to each focus.
-    merged : number of contacts that have no focus because the number of foci is limited, but are
+    merged : number of contacts without a focus (because the number of foci is limited) that are
         less than a wavelength from a focus of the same object.
-    dropped : number of contacts that have no focus because the number of foci is limited, and are
-        farther away from every focus of the same object.
+    dropped : number of contacts without a focus (because the number of foci is limited) that are at
+        least a wavelength from every focus of the same object.
     """
 
     points: Float64[np.ndarray, "foci 3"]

@@ -110,7 +110,7 @@ def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:
     longest_edge : longest distance between neighbouring points [m], 0.001 to 0.05. By default, a
         hand has about 6,000 points, so that a fingertip pressed 2 mm into a ball has several points
         in the ball. At 10 mm, a hand has 1,600 points, which suits a live loop; the density of
-        points at the finger pads is the same. Balls of a radius below ``longest_edge``/√3 may lie
+        points at the finger pads is the same. Balls with a radius below ``longest_edge``/√3 may lie
         between points.
 
     Returns

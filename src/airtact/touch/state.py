@@ -57,7 +57,7 @@ class TouchState:
 
     Attributes
     ----------
-    found : contacts at the last update, as ``ContactArrays``; empty before the first.
+    found : contacts at the last update, as ``ContactArrays``; empty before the first update.
 
     Raises
     ------

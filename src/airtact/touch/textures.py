@@ -76,7 +76,7 @@ class HeightMap:
     Raises
     ------
     InvalidInput
-        If the values have another shape or are outside 0 to 1, or if the width is outside its
+        If the values have another shape or are not between 0 and 1, or if the width is outside its
         range.
 
     Examples

@@ -43,8 +43,8 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
     ------
     InvalidInput
         If the file cannot be read, if a column is missing, or if a line contains a cell that is not
-        a number, an element that does not exist or is repeated, or a gain outside 0 to 10. The
-        message states the line.
+        a number, an element that does not exist or is repeated, or a gain that is not between 0 and
+        10. The message states the line.
     """
     path = Path(of_kind(path, str | Path, "the calibration", "the path of a .csv file"))
     table = read_text_table(path)
@@ -97,8 +97,8 @@ def calibrated_by(path: str | Path, array: PhasedArray) -> PhasedArray:
     ------
     InvalidInput
         If the file cannot be read, if a column is missing, if a cell is not a number, if an element
-        does not exist or is repeated, if a gain is outside 0 to 10, if a displacement is 0.1 m or
-        more, or if a rotation is half a turn or more.
+        does not exist or is repeated, if a gain is not between 0 and 10, if a displacement is 0.1 m
+        or more, or if a rotation is half a turn or more.
     """
     gains = load_calibration(path, len(array))
     table = read_text_table(Path(path))

@@ -45,7 +45,7 @@ class Element:
     directional : whether the element radiates only into the half-space in front of its face. All
         foci and bodies must then be in this half-space. False by default.
     radius : radius of the face [m], 0 to 0.1; 0, the default, for a single point. The field depends
-        only on ``points`` and ``weights``; the radius serves to describe the element, and to check
+        only on ``points`` and ``weights``; the radius is used to describe the element, and to check
         that it has enough points and that elements do not overlap.
 
     Raises

@@ -158,7 +158,7 @@ class PhasedArray:
         return nearest_pair(self.positions)[2] if len(self) > 1 else np.inf
 
     def moved(self, pose: Pose) -> "PhasedArray":
-        """Return the array moved rigidly: positions x become pose.apply(x), and faces rotate."""
+        """Return the array after a rigid motion, in which positions x become pose.apply(x)."""
         of_kind(pose, Pose, "the motion of an array", "Pose(rotation, translation)")
         # Skip the checks: a rigid motion requires none, and a moving hand requires many motions per
         # second. Normalise the directions, so that rounding errors do not accumulate.
@@ -371,8 +371,8 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
     a board are centred on its face and keep their order. The board's x axis (18 elements) runs
     along +z on every face, so its y axis (14 elements) runs along +y, -y, -x and +x: each face is
     the first one rotated about z. This box is 140 mm wide, but a real board is 151.4 mm wide and
-    would extend 5.7 mm beyond its neighbours at each corner. Use ``board="autd3"`` for a box that
-    real boards fit.
+    would extend 5.7 mm beyond its neighbours at each corner. Use ``board="autd3"`` for a box into
+    which real boards fit.
 
     Parameters
     ----------

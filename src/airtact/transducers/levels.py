@@ -90,7 +90,8 @@ class Levels:
     def nearest(self, shares: Real[np.ndarray, "*elements"]) -> Int64[np.ndarray, "*elements"]:
         """Return the index of the level nearest to each fraction of full scale.
 
-        With two levels, each element with more than a thousandth of full scale is switched on.
+        With two levels, every element whose amplitude exceeds a thousandth of full scale is
+        switched on.
         """
         if self.phase_only:
             return (shares > 1e-3).astype(np.int64)

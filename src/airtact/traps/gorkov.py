@@ -356,7 +356,7 @@ def derivatives_inside(
 def clearances(
     field: RadiatedField, points: Float64[np.ndarray, "points 3"]
 ) -> Float64[np.ndarray, "points"]:
-    """Return the distance [m] of points from the nearest body, plane or source, negative inside."""
+    """Return the distance [m] from the nearest body, plane or source, negative inside a body."""
     clearance, _ = KDTree(field.sources.positions).query(points)
     clearance = np.minimum(clearance, -field.scene.depth(points))
     for plane in field.scene.planes:

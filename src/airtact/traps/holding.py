@@ -58,7 +58,7 @@ class Trap:
     """Description of a trap to be created and of the bead that it holds, as in ``Setup.traps``.
 
     Values are checked when the trap is used, not on construction. The bead does not affect the
-    drive; its properties serve to judge whether the trap holds it.
+    drive; its properties are used to judge whether the trap holds it.
 
     Attributes
     ----------

@@ -2,10 +2,10 @@
 
 Axes with the same name in a signature have the same length.
 
-GMRES serves several right-hand sides at once, with one matrix product per iteration. Each right-
-hand side has its own Krylov space (Saad & Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856). Most
-of the time is spent on reading the matrix, and SciPy's solver, which accepts only one right-hand
-side, would read it once for each.
+GMRES solves for several right-hand sides at once, with one matrix product per iteration. Each
+right-hand side has its own Krylov space (Saad & Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856).
+Most of the time is spent on reading the matrix, and SciPy's solver, which accepts only one
+right-hand side, would read it once for each.
 """
 
 import math

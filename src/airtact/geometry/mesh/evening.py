@@ -131,7 +131,7 @@ def evened(
 def turn_sizes(mesh: RidgedMesh, largest: float, reach: float, turn: float) -> VertexSizes:
     """Return, at each vertex, the edge length [m] over which the normal turns by ``turn`` [rad].
 
-    The curvature of a triangle is the largest change of the vertex normals per length. It is
+    The curvature of a triangle is the largest change of the vertex normals per unit length. It is
     averaged within ``reach`` [m] to smooth out the kinks of a coarse mesh. The result is at most
     ``largest`` [m].
     """

@@ -126,15 +126,15 @@ def _mmg(surface: RidgedMesh, sizes: VertexSizes, edge: float, deviation: float)
         )
     except RuntimeError as fault:
         raise InvalidInput(
-            f"the surface of {len(triangles)} triangles cannot be remeshed with an edge of "
-            f"{1e3 * edge:.3g} mm ({fault}). Repair it, or use a mesh with fewer slivers.",
+            f"the surface of {len(triangles)} triangles cannot be remeshed with an edge length "
+            f"of {1e3 * edge:.3g} mm ({fault}). Repair it, or use a mesh with fewer slivers.",
             code="mesh_faulty",
         ) from fault
     result = np.asarray(mesh.get_triangles(), dtype=np.int64)
     if len(result) < 4 or edge_twins(result).min() < 0:
         raise InvalidInput(
             f"the surface of {len(triangles)} triangles does not remain closed when it is remeshed "
-            f"with an edge of {1e3 * edge:.3g} mm. Repair it, or use a shorter edge.",
+            f"with an edge length of {1e3 * edge:.3g} mm. Repair it, or use a shorter edge.",
             code="mesh_faulty",
         )
     ridges = np.asarray(mesh.get_edges(), dtype=np.int64).reshape(-1, 2)
@@ -144,7 +144,7 @@ def _mmg(surface: RidgedMesh, sizes: VertexSizes, edge: float, deviation: float)
 def with_short_edges(
     panels: QuadraticTriangles, triangles: Triangles, sharp: EdgeMask, longest: float
 ) -> RidgedMesh:
-    """Halve edges of a closed mesh along its panels until none is longer than ``longest`` [m]."""
+    """Halve the edges of a closed mesh of panels until none is longer than ``longest`` [m]."""
     while (long := edge_lengths(panels) > longest).any():
         panels, triangles, sharp = _split_edges(panels, triangles, sharp, long)
     vertices = _vertices(panels, triangles)
@@ -285,7 +285,7 @@ def bend_sizes(
 def tip_sizes(
     vertices: Vertices, triangles: Triangles, ridges: Ridges, largest: float, turn: float
 ) -> VertexSizes:
-    """Return, at each vertex, the edge length [m] over which a rounded tip turns by ``turn``.
+    """Return, at each vertex, the edge length [m] over which a tip's normal turns by ``turn``.
 
     The radius of a tip follows from its Gaussian curvature: the sum of the angle defects
     (2π − Σ angles) of its vertices, divided by its area. Coarse triangles preserve the sum of the

@@ -265,7 +265,7 @@ def edge_ends(triangles: AnyTriangles) -> Int[np.ndarray, "triangles 3 2"]:
 def are_among(
     edges: Int[np.ndarray, "*edges 2"], listed: Int[np.ndarray, "*listed 2"]
 ) -> Bool[np.ndarray, "*edges"]:
-    """Return a mask of the edges that ``listed`` contains, with their vertices in any order."""
+    """Return a mask of the edges in ``listed``, regardless of the order of their vertices."""
     count = max(int(edges.max(initial=0)), int(listed.max(initial=0))) + 1
     return np.isin(np.sort(edges, axis=-1) @ [count, 1], np.sort(listed, axis=-1) @ [count, 1])
 
@@ -308,7 +308,7 @@ def cone_volumes(corners: Corners) -> Float64[np.ndarray, "triangles"]:
 
 
 def check_size(extent: float) -> None:
-    """Raise ``InvalidInput`` for an extent outside 0.5 mm to 2 m, which suggests a wrong unit."""
+    """Raise ``InvalidInput`` unless an extent is between 0.5 mm and 2 m, as expected in metres."""
     largest = 2.0
     smallest = 0.5e-3
     if extent > largest * (1.0 + 1e-9):
@@ -326,7 +326,7 @@ def check_size(extent: float) -> None:
 
 
 def check_indices(count: int, triangles: AnyTriangles) -> None:
-    """Raise ``InvalidInput`` for triangles with vertex indices outside 0 to ``count`` - 1."""
+    """Raise ``InvalidInput`` unless all vertex indices are from 0 to ``count`` - 1."""
     wrong = (triangles < 0) | (triangles >= count)
     if wrong.any():
         triangle, corner = np.argwhere(wrong)[0]

@@ -120,7 +120,7 @@ def frames_of_actions(recording: dict[str, Any]) -> Iterator[Item]:
 
 
 def frames_of_streamer(lines: Iterable[str]) -> Iterator[Item]:
-    """Read lines from hand-tracking-streamer; they lack times, so 70 frames/s are assumed.
+    """Read lines from hand-tracking-streamer; they contain no times, so 70 frames/s is assumed.
 
     The line of a wrist contains the position and the quaternion of the wrist. The line of the
     landmarks contains 21 positions relative to the wrist, in the left-handed axes of Unity.

@@ -236,12 +236,12 @@ def _fitted(
 class RestingFingertip:
     """Detector that finds when and where the tip of the index finger rests for a second.
 
-    It serves to register a tracker by touching known points, such as transducers. Call ``take``
-    with each ``HandFrame``. The method returns None until the tip has rested, and then the mean
-    position (3,) of the joint "index-finger-tip" in the coordinates of the frames [m]. The tip
-    rests if it stays within 15 mm along each axis and does not drift by more than about 2 mm. The
-    timer restarts if the tip moves, if the hand is lost, or if frames are 0.3 s or more apart. The
-    next rest is only accepted after the tip has moved by 30 mm.
+    Use it to register a tracker by touching known points, such as transducers. Call ``take`` with
+    each ``HandFrame``. The method returns None until the tip has rested, and then the mean position
+    (3,) of the joint "index-finger-tip" in the coordinates of the frames [m]. The tip rests if it
+    stays within 15 mm along each axis and does not drift by more than about 2 mm. The timer
+    restarts if the tip moves, if the hand is lost, or if frames are 0.3 s or more apart. The next
+    rest is only accepted after the tip has moved by 30 mm.
 
     Attributes
     ----------

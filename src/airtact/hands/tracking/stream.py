@@ -270,7 +270,7 @@ class HandStream:
                     hand.silent = True
 
     def latest(self, side: Side) -> HandFrame | None:
-        """Return the latest frame of a hand, or None before the first.
+        """Return the latest frame of a hand, or None before the first frame.
 
         After the time ``silence`` without frames, the latest frame marks the hand as lost.
         """

@@ -199,7 +199,7 @@ class SoundProcess:
 
     Attributes
     ----------
-    newest : newest result; None before the first.
+    newest : newest result; None before the first result.
     """
 
     def __init__(self, scene: LiveScene) -> None:

@@ -53,8 +53,8 @@ def blocks_of(unknowns: int) -> int:
 def block_order(centres: Float64[np.ndarray, "panels 3"]) -> Int64[np.ndarray, "panels"]:
     """Return an order of the panels in which the panels of each block are adjacent.
 
-    The set of panels is bisected repeatedly, across the direction of its largest extent. Rigid
-    motions of the bodies do not change the blocks.
+    The set of panels is bisected repeatedly, each time across its longest dimension. Rigid motions
+    of the bodies do not change the blocks.
     """
     return _kernels.block_order(centres, PANELS)
 

@@ -75,9 +75,9 @@ class PlacedBody:
         return bool(squares.min(initial=np.inf) > (radius + reach) ** 2)
 
     def reaches(self, points: Points) -> Mask:
-        """Return a mask of the points that are too close to the body for its reduced nodes.
+        """Return a mask of the points so close to the body that its reduced nodes are inaccurate.
 
-        The reduced nodes (skeletons) represent the body inaccurately close to it.
+        The reduced nodes (skeletons) represent the body accurately only at a distance.
         """
         reach = self.reduced.reach
         near = self.in_box(points, reach)

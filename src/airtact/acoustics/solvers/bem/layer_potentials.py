@@ -200,7 +200,7 @@ class NearRows(_kernels.NearRows):
     """
 
     def split(self, points: int) -> tuple["NearRows", "NearRows"]:
-        """Split the pairs into those of the first ``points`` points and those of later points."""
+        """Separate the pairs of the first ``points`` points from those of all later points."""
         begin = int(self.first[points])
         return (
             NearRows(self.first[: points + 1], self.panel[:begin], self.excess[:begin]),
@@ -443,7 +443,7 @@ def locate(scene: Scene, nodes: Nodes, points: Points, near_rule: NearRule) -> L
 
     Returns
     -------
-    A ``Located`` with the points, of which those in contact are moved onto a panel, and masks (P,).
+    A ``Located`` with the points and masks (P,); points in contact are moved onto a panel.
     """
     positions = np.array(points, dtype=np.float64)
     contact = np.zeros(len(positions), dtype=bool)

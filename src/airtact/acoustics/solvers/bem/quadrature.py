@@ -180,7 +180,7 @@ def near_lists(nodes: Nodes, points: Points, limits: PanelLengths) -> NearLists:
 def thickness(
     nodes: Nodes, largest: float, lower_bound: Float64[np.ndarray, "nodes"] | None = None
 ) -> Float64[np.ndarray, "nodes"]:
-    """Return the diameter [m] of the largest inner ball that touches the surface at each node.
+    """Return the diameter [m] of the largest inner ball that touches each node of the surface.
 
     Larger diameters are returned as ``largest``, without any computation if ``lower_bound`` already
     reaches this value.
