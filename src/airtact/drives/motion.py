@@ -174,7 +174,7 @@ class Motion:
         return onto_surface(flat, surface, distance)
 
     def turns(self, paths: Paths) -> float:
-        """Return how often a path is traversed per second [Hz]: ``frequency`` or its default."""
+        """Return the number of cycles of a path per second [Hz]: ``frequency`` or its default."""
         if self.frequency is not None:
             return self.frequency
         if self.kind == "lm":

@@ -1,4 +1,4 @@
-"""Comparison of drives at equal peak or energy, with phases alone or on samples; headlines."""
+"""Comparison of drives at equal peak, at equal energy, by their phases alone, and on samples."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -324,7 +324,7 @@ class Evaluation:
 
     @property
     def shares(self) -> Float64[np.ndarray, "foci"]:
-        """(F,) ratio of pressure to requested pressure, or NaN if none above 0 Pa is requested."""
+        """(F,) ratio of pressure to requested pressure; NaN where 0 Pa or nothing is requested."""
         return fraction(self.magnitudes, self.target)
 
     @property

@@ -397,7 +397,7 @@ class Microphone:
 
         Parameters
         ----------
-        field : a field of S excitations.
+        field : field with S excitations.
         centres : (N, 3) positions of the centre of the microphone's face [m].
         """
         centres = points_of(centres, "positions of a microphone", least=0)

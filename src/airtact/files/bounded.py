@@ -72,7 +72,7 @@ def text_of(path: Path, largest: int = 2**26) -> str:
 
 
 def json_of(text: str | bytes) -> Any:
-    """Parse JSON, or raise ``ValueError`` if it is damaged or an object repeats a key."""
+    """Parse JSON, or raise ``ValueError`` if it is malformed or an object repeats a key."""
 
     def without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         key, count = Counter(key for key, _ in pairs or [("", None)]).most_common(1)[0]

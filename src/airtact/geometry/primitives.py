@@ -33,7 +33,7 @@ from airtact.geometry.surface import Surface
 class Capsule(Shape):
     """All points within ``radius`` [m] of a segment on the local z axis.
 
-    The segment extends from -length/2 to +length/2 [m]. A length of 0 makes a sphere.
+    The segment extends from -length/2 to +length/2 [m]. If its length is 0, the shape is a sphere.
 
     Examples
     --------

@@ -69,7 +69,7 @@ class Moment:
     touching : for each contact, the part of the hand, such as "left.index", and the name of the
         object.
     objects : the virtual objects at ``time``.
-    rejected : reasons why requested foci receive no sound, by name of the focus.
+    rejected : reasons why requested foci receive no sound, by focus name.
     """
 
     time: float
@@ -124,7 +124,7 @@ class Controls:
     modulated : whether the scene's modulation is applied, which varies the amplitude or moves the
         foci along paths or outlines; True by default. Without it, the drive can hardly be felt.
     playing : whether sound is emitted; True by default.
-    levels : factors from 0 (off) to 1 by name of the focus, such as "thumb.pad" or "index at ball".
+    levels : factors from 0 (off) to 1 by focus name, such as "thumb.pad" or "index at ball".
         The requested relative pressure of the focus is multiplied by its factor, which is 1 for
         foci that are not listed. Unknown names are ignored.
 

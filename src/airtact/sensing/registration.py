@@ -135,8 +135,8 @@ def locate(
 ) -> Located:
     """Find the rigid pose of bodies from echoes, and optionally the value of a shape parameter.
 
-    The echoes of the bodies are modelled for a pose, and the pose is changed by least squares until
-    they match the measured echoes.
+    The echoes of the bodies are modelled for a pose, which is adjusted by least squares until the
+    modelled echoes match the measured echoes.
 
     Parameters
     ----------

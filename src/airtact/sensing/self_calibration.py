@@ -305,8 +305,8 @@ class ArrayFit:
     def equations(self, here: ArrayState, units: Step) -> tuple[Squares, Step]:
         """Return the normal matrix and half the gradient of the cost, after eliminating the gains.
 
-        The unknowns are the motions of all boards except the first, and the wavenumber. Each is
-        divided by its entry in ``units``.
+        The unknowns are the motions of all boards except the first, and the wavenumber. Each
+        unknown is divided by its entry in ``units``.
         """
         size = len(here.boards[0])
         elements = len(self.measured)

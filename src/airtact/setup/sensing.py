@@ -57,7 +57,7 @@ class Simulation:
     noise : signal-to-noise ratio of the echoes [dB].
     position : distance by which the hand is displaced [m].
     degrees : angle by which the hand is rotated [°].
-    seed : seed of the random noise and directions.
+    seed : seed for the random noise and directions.
     opened : amount by which the gap of the simulated pinch exceeds the gap in the scene file [m].
     """
 

@@ -32,7 +32,7 @@ class ContactArrays(NamedTuple):
     objects : (C,) index of the touched object in ``Contacts.virtual_objects`` or
         ``TouchState.objects``.
     places : (C,) index in ``Skin.places`` of the part, such as a finger.
-    patches : (C,) number of the connected piece of skin; equal for contacts that are parts of one
+    patches : (C,) index of the connected piece of skin; equal for contacts that are parts of one
         piece. The numbers are not consecutive.
     deepest : (C,) index in ``Skin.points`` of the deepest of the contact's skin points.
     members : for each contact, the indices in ``Skin.points`` of its skin points, deepest first.

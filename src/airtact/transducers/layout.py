@@ -128,7 +128,7 @@ class PhasedArray:
         check_finite(gains, "element gains")
         if not gains.any():
             raise InvalidInput(
-                "the gains of all elements are 0, so nothing would be emitted. Use another gain "
+                "the gains of all elements are 0, so nothing would be emitted. Use a nonzero gain "
                 "for at least one element.",
                 code="all_zero",
             )

@@ -97,9 +97,10 @@ def frames_of_matrices(messages: Iterable[dict[str, Any]]) -> Iterator[Item]:
 def frames_of_actions(recording: dict[str, Any]) -> Iterator[Item]:
     """Read an action recording written by IWER, with times in milliseconds.
 
-    A frame is a list of its time, 7 numbers for the pose of the head, and the inputs. An input is a
-    list of its index, 7 numbers for the pose of its pointing ray, and further lists. The list for a
-    hand contains 8 numbers per joint, relative to the ray: position, quaternion and radius.
+    A frame is a list with its time, 7 numbers for the pose of the head, and the inputs. An input
+    is a list with its index, 7 numbers for the pose of its pointing ray, and further lists. The
+    list for a hand contains 8 numbers per joint, relative to the ray: position, quaternion and
+    radius.
     """
     schemas = dict(recording["schema"])
     for number, frame in enumerate(recording["frames"]):
