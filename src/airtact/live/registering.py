@@ -33,7 +33,7 @@ from airtact.transducers.layout import PhasedArray
 
 @dataclass(frozen=True)
 class TouchStep:
-    """Progress of a registration, to be shown on a page or a terminal.
+    """Progress of a registration, for display on a page or in a terminal.
 
     ``register_tracker`` passes it to its argument ``report``.
 

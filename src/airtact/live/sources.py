@@ -120,7 +120,7 @@ class RecordedHands(HandSource):
     Raises
     ------
     InvalidInput
-        If a recording of a single frame is to be played in a loop.
+        If ``loop`` is True and the recording has only one frame.
     """
 
     def __init__(
