@@ -199,7 +199,7 @@ def _check_metres(distances: Depths, place: str) -> None:
 
 
 def check_reach(array: PhasedArray, foci: Real[np.ndarray, "foci 3"]) -> None:
-    """Raise an error if a focus (F, 3) is over 10 m from an element, or behind a directional one."""
+    """Raise an error if a focus (F, 3) is over 10 m from an element or behind a directional one."""
     distances = cdist(foci, array.positions)
     worst = int(distances.max(axis=1).argmax())
     _check_metres(distances[worst], f"focus {worst}")
