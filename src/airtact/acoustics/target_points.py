@@ -480,8 +480,8 @@ def svg_path(
     ------
     InvalidInput
         If the file cannot be read, exceeds 500 kB, is not an SVG file, contains no lines or
-        contains more than 5000 curves. Also if a length is not above zero, if ``normal`` is zero or
-        parallel to ``up``, or if there are more than 4096 points.
+        contains more than 5000 curves. The error is also raised if a length is not above zero, if
+        ``normal`` is zero or parallel to ``up``, or if there are more than 4096 points.
     """
     width = positive(width, "the width of the drawing", "m")
     spacing = positive(spacing, "the spacing", "m")

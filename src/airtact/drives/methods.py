@@ -49,9 +49,9 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
     ------
     InvalidInput
         If an argument has the wrong type, or if the matrix was computed for other foci or has no
-        rows for the suppression points. With several foci, also if there are more foci than
-        elements, if two are less than a tenth of a wavelength apart, or if one is shadowed (its
-        largest possible pressure is below 5 % of the median of the others).
+        rows for the suppression points. With several foci, the error is also raised if there are
+        more foci than elements, if two are less than a tenth of a wavelength apart, or if one is
+        shadowed (its largest possible pressure is below 5 % of the median of the others).
 
     Warns
     -----

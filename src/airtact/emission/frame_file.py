@@ -69,8 +69,9 @@ def load_drive(
     ------
     InvalidInput
         If the file cannot be read, has an unknown ending or a newer format, contains numbers that
-        are not valid in a drive, or contains several frames but no rate. For a .bin file, also if
-        the board is missing or unknown, or ``elements`` is not the size of a number of boards.
+        are not valid in a drive, or contains several frames but no rate. For a .bin file, the error
+        is also raised if the board is missing or unknown, or ``elements`` is not the size of a
+        number of boards.
     """
     path = Path(of_kind(path, str | Path, "the file of a drive", "its path"))
     contents = drive_in(path, board, elements)

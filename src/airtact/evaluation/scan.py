@@ -220,8 +220,9 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
     ------
     InvalidInput
         If ``predicted`` does not have one pressure per position of the scan, if fewer than 3
-        positions can be compared, or if the prediction is 0 at all of them. Also if the relative
-        error is above 20 %, but less than half as large with the phases of the scan negated.
+        positions can be compared, or if the prediction is 0 at all of them. The error is also
+        raised if the relative error is above 20 %, but less than half as large with the phases of
+        the scan negated.
 
     Examples
     --------

@@ -210,8 +210,8 @@ class Hand:
         ------
         InvalidInput
             If the height is not between 0 and 1 m, or if the elements face many directions, so that
-            the array has no front. Also if ``place`` is unknown, or is inside the body because
-            a finger touches it.
+            the array has no front. The error is also raised if ``place`` is unknown, or is inside
+            the body because a finger touches it.
         """
         height = within(height, 0.0, 1.0, "the height of a hand", "m")
         point, normal = self.place(place)

@@ -106,8 +106,8 @@ def silent_moment(scene: LiveScene, time: float, frame_time: float) -> Moment:
 class Controls:
     """Settings of the live loop, which the user can change on the browser page.
 
-    ``follow`` takes the initial settings. To change any of them, the page, or a program that sends
-    the page's messages, sends a new ``Controls`` object. The loop passes the newest object to
+    ``follow`` takes the initial settings. The page, or a program that sends the page's messages,
+    changes them by sending a new ``Controls`` object. The loop passes the newest object to
     ``DriveMaker.make``.
 
     Attributes

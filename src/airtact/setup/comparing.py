@@ -278,8 +278,8 @@ def compare(
     InvalidInput
         If all methods fail, if two foci of a setup are less than a tenth of a wavelength apart, if
         a drive is silent or does not have as many elements as the array, or if a focus or an
-        element is inside a body. With a scene, also if ``array``, ``drives``, ``target`` or
-        ``solver`` is missing.
+        element is inside a body. For a scene, the error is also raised if ``array``, ``drives``,
+        ``target`` or ``solver`` is missing.
     NotConverged
         If a solver stopped before it converged.
     """

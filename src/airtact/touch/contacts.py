@@ -164,8 +164,8 @@ def contact(
     ----------
     hand : a ``Hand``, a ``Surface``, a list of these (which may be mixed), or a mapping from names
         to them. The poses of the objects must map to the coordinates of these bodies.
-    objects : one virtual object, or a sequence of up to 64. Unnamed objects are called "object 1"
-        and so on.
+    objects : one virtual object, or a sequence of up to 64 objects. Unnamed objects are called
+        "object 1" and so on.
     offset : distance from the skin, outward, at which ``Contacts.foci`` and ``Contacts.target``
         place the foci [m], 0 to 0.1. It does not affect the contacts.
 

@@ -56,9 +56,9 @@ class VirtualObject:
     ------
     InvalidInput
         If an argument has the wrong type, the shape is too small, the style is unknown, the
-        stiffness is not above zero, or the texture is missing or not allowed. Also if the centre of
-        the shape (the point of a half-space) is, at its pose, more than 2 m from the origin of the
-        scene.
+        stiffness is not above zero, or the texture is missing or not allowed. The error is also
+        raised if ``pose`` places the centre of the shape (the point of a half-space) more than 2 m
+        from the origin of the scene.
 
     Examples
     --------

@@ -127,10 +127,10 @@ def potential(
     ------
     InvalidInput
         If the bead's centre is closer to a body, a plane or an element than the radius of the bead
-        or a sixteenth of a wavelength, whichever is larger. Also if a point or a body is behind the
-        face of a directional element, if elements overlap each other or a body, if the drive is
-        silent or does not have as many elements as the array, or if a parameter is outside its
-        range.
+        or a sixteenth of a wavelength, whichever is larger. The error is also raised if a point or
+        a body is behind the face of a directional element, if elements overlap each other or a
+        body, if the drive is silent or does not have as many elements as the array, or if a
+        parameter is outside its range.
     NotConverged
         If the solver stops before it converges.
     """
@@ -177,10 +177,10 @@ def force(
     ------
     InvalidInput
         If the bead's centre is closer to a body, a plane or an element than the radius of the bead
-        or a sixteenth of a wavelength, whichever is larger. Also if a point or a body is behind the
-        face of a directional element, if elements overlap each other or a body, if the drive is
-        silent or does not have as many elements as the array, or if a parameter is outside its
-        range.
+        or a sixteenth of a wavelength, whichever is larger. The error is also raised if a point or
+        a body is behind the face of a directional element, if elements overlap each other or a
+        body, if the drive is silent or does not have as many elements as the array, or if a
+        parameter is outside its range.
     NotConverged
         If the solver stops before it converges.
 
@@ -238,10 +238,10 @@ def stiffness(
     ------
     InvalidInput
         If the bead's centre is closer to a body, a plane or an element than the radius of the bead
-        or a sixteenth of a wavelength, whichever is larger. Also if a point or a body is behind the
-        face of a directional element, if elements overlap each other or a body, if the drive is
-        silent or does not have as many elements as the array, or if a parameter is outside its
-        range.
+        or a sixteenth of a wavelength, whichever is larger. The error is also raised if a point or
+        a body is behind the face of a directional element, if elements overlap each other or a
+        body, if the drive is silent or does not have as many elements as the array, or if a
+        parameter is outside its range.
     NotConverged
         If the solver stops before it converges.
     """
@@ -526,10 +526,10 @@ def verdict(
     ------
     InvalidInput
         If the bead's centre is closer to a body, a plane or an element than the radius of the bead
-        or a sixteenth of a wavelength, whichever is larger. Also if a point or a body is behind the
-        face of a directional element, if elements overlap each other or a body, if the drive is
-        silent or does not have as many elements as the array, or if a parameter is outside its
-        range.
+        or a sixteenth of a wavelength, whichever is larger. The error is also raised if a point or
+        a body is behind the face of a directional element, if elements overlap each other or a
+        body, if the drive is silent or does not have as many elements as the array, or if a
+        parameter is outside its range.
     NotConverged
         If the solver stops before it converges.
 

@@ -514,8 +514,8 @@ def path(
     ------
     InvalidInput
         If the bead would be lost between two frames, if no two corners differ, if the kind is
-        unknown, if the axis is zero, or if a parameter is outside its range. Also if the trap or
-        one of its lobes would be in a body or behind the array.
+        unknown, if the axis is zero, or if a parameter is outside its range. The error is also
+        raised if the trap or one of its lobes would be in a body or behind the array.
     NotConverged
         If the solver stops before it converges.
 

@@ -58,10 +58,10 @@ def body_force(
     ------
     InvalidInput
         If another body, a plane or an element is inside the smallest sphere around the body, or
-        within 1/50 of a wavelength of this sphere. Also if this sphere's diameter exceeds about 17
-        wavelengths, if a body is behind the face of a directional element, if elements overlap, if
-        the solver does not support the bodies, or if the drive is silent or does not have as
-        many elements as the array.
+        within 1/50 of a wavelength of this sphere. The error is also raised if this sphere's
+        diameter exceeds about 17 wavelengths, if a body is behind the face of a directional
+        element, if elements overlap, if the solver does not support the bodies, or if the drive is
+        silent or does not have as many elements as the array.
     NotConverged
         If the solver stops before it converges.
 

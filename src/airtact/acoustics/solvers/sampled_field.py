@@ -196,8 +196,9 @@ def load_samples(
         If the file cannot be read, if columns are missing, if the number of pressures per row
         differs from that of the excitations, if no pressure is at the scene's frequency, if nodes
         coincide or lie in one plane, if a number is infinite, if all pressures are 0, or if the
-        phases near the sources fit the other time factor better. Also if a column is a level in dB,
-        ``time_sign`` is unknown, or ``scale`` is not above zero or contradicts the file's comment.
+        phases near the sources fit the other time factor better. The error is also raised if a
+        column is a level in dB, ``time_sign`` is unknown, or ``scale`` is not above zero or
+        contradicts the file's comment.
     """
     path = Path(path)
     check_choice(time_sign, "time_sign", ("e^{-iωt}", "e^{+jωt}"))

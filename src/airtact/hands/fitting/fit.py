@@ -185,8 +185,8 @@ def fit_hand(
         If landmarks are missing, NaN, in millimetres, swapped or implausible, if the side is
         unclear, if a point is less than 30 mm in front of the camera, if less than 80 % of the
         points are within 6 mm of the fitted hand, or if a joint is more than 30 mm from its
-        landmark. Also if the cloud has too few points near the landmarks, is in millimetres, or has
-        more than 30 % of its points elsewhere, for example on another body.
+        landmark. The error is also raised if the cloud has too few points near the landmarks, is in
+        millimetres, or has more than 30 % of its points elsewhere, for example on another body.
     """
     joints = joints_of(landmarks, LANDMARK_TOLERANCE)
     check_finger_order(joints, LANDMARK_TOLERANCE)
