@@ -63,7 +63,7 @@ class Plane:
         )
 
     def height(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
-        """Return the distance [m] of points (P, 3) from the plane, which is negative behind it."""
+        """Return the distance [m] of points (P, 3) from the plane, negative behind it."""
         return (points - self.point) @ self.normal
 
     def image(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:

@@ -169,7 +169,7 @@ class Stored(Solver):
     Parameters
     ----------
     solver : solver for fields that are not stored yet, such as ``BoundaryElement()``.
-    folder : folder of the files, which is created if missing. Any number of processes may share it.
+    folder : folder for the files; it is created if necessary. Any number of processes may share it.
     most_bytes : largest total size of the files [bytes], at least 1; 1 GB by default.
 
     Raises

@@ -170,7 +170,7 @@ class Target:
         return self.weights * np.exp(1j * np.asarray(phases))
 
     def weakest(self, pressures: Float64[np.ndarray, "foci"]) -> int:
-        """Return the index of the focus with the least pressure relative to its weight.
+        """Return the index of the focus with the lowest pressure relative to its weight.
 
         Foci with weight 0 are ignored. Most drive methods make the ratio of pressure to weight
         nearly equal at all foci. If the ratios of several foci are within 1 % of the smallest, the

@@ -176,7 +176,7 @@ def plain_table(*columns: str) -> Table:
 
 
 def facts_table(facts: Sequence[tuple[str, str]]) -> Table:
-    """Return a table with two columns, for names and their values."""
+    """Return a two-column table of names and values."""
     table = plain_table()
     for fact in facts:
         table.add_row(*fact)

@@ -117,7 +117,7 @@ def place(
 ) -> None:
     """Search for the layouts that maximise the pressure at the weakest focus; write layout_*.toml.
 
-    The three best layouts are written as scene files to the folder of --out.
+    The three best layouts are written as scene files to the folder given by --out.
 
     --fixed keeps a board of SCENE in place. --symmetric places the other boards in mirrored pairs.
     The mirror plane is in the middle of the region or, without --region, of the foci.

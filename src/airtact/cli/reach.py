@@ -41,9 +41,9 @@ def reach(
 ) -> None:
     """Map the largest pressure that the array of SCENE can produce on the skin.
 
-    The command writes reach.csv and the page reach.html to the folder of --out. The pressure at
-    each point of the skin is produced by all transducers at full scale and in phase at this point,
-    and includes scattering by the bodies. No drive produces more pressure there.
+    The command writes reach.csv and the page reach.html to the folder given by --out. The
+    pressure at each point of the skin is produced by all transducers at full scale and in phase at
+    this point, and includes scattering by the bodies. No drive produces more pressure there.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")

@@ -119,5 +119,5 @@ def share_under_cap(
 
 
 def check_cap(cap: float) -> float:
-    """Return a cap on amplitudes, or raise ``InvalidInput`` unless it is above 0 and at most 1."""
+    """Check that a cap on amplitudes is above 0 and at most 1, and return it."""
     return within(cap, 0.0, 1.0, "the cap", "of full scale", "30 per cent is 0.3.")

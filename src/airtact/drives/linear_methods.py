@@ -198,8 +198,8 @@ def exact_amplitudes(
 ) -> Amplitudes:
     """Return the amplitudes d with the smallest peak max_e |d_e| that satisfy H d = w.
 
-    H is ``matrix``, and w are the complex ``requests``. The iteration starts at the amplitudes of
-    least energy and stops once the peak is at most ``sufficient_peak``.
+    H is ``matrix``, and w contains the complex ``requests``. The iteration starts at the amplitudes
+    of least energy and stops once the peak is at most ``sufficient_peak``.
     """
     # Rows of equal norm keep the least-squares problem well conditioned for foci at all distances.
     norms = np.linalg.norm(matrix, axis=1)

@@ -240,8 +240,8 @@ def moving_foci(
         the first frame, then those of the next.
     target : the points, in the same order as the rows of the matrix.
     foci : number of foci in one frame; P must be a multiple of this number.
-    turns : how many times per second the foci traverse the path [Hz], above 0 and at most ``clock``
-        divided by the number of frames.
+    turns : number of times per second that the foci traverse the path [Hz], above 0 and at most
+        ``clock`` divided by the number of frames.
     method : function that computes the ``Drive`` of a frame from the rows of the matrix and the
         part of the target that belong to the frame; ``best`` by default.
     clock : frequency of the sound [Hz]; 40 kHz by default. Each frame lasts a whole number of

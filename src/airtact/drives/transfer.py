@@ -118,8 +118,8 @@ MakeDrive = Callable[[TransferMatrix, Target], Drive]
 def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:
     """Build the transfer matrix by reciprocity, from a single solve with unit beacons.
 
-    Its product with a drive is the complex pressure at each focus; all drive methods take it. A
-    beacon is a virtual unit source at a focus. Its pressure at an element equals the pressure
+    Its product with a drive is the complex pressure at each focus; all drive methods require
+    it. A beacon is a virtual unit source at a focus. Its pressure at an element equals the pressure
     that the element, with the same source strength, produces at the focus (reciprocity; Inoue,
     Makino and Shinoda, 2014, equation 3). Therefore
 
@@ -409,7 +409,7 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
     Without this check, methods that balance the foci might diverge. The function raises
     ``InvalidInput``:
 
-    - if the matrix was computed for other points than those of the target;
+    - if the matrix was computed for points other than those of the target;
     - if there are more foci than elements;
     - if two foci are less than λ/10 apart or, for an unknown wavelength λ, their rows are parallel;
     - if the largest pressure that a focus can receive is less than 5 % (−26 dB) of the median for
@@ -512,7 +512,7 @@ def achieved_fraction(
 def fraction(
     magnitudes: Float64[np.ndarray, "foci"], target: Target
 ) -> Float64[np.ndarray, "foci"]:
-    """Return the ratio (F,) of peak pressure to requested pressure, or NaN without a request."""
+    """Return the ratio (F,) of peak pressure to requested pressure; NaN if none is requested."""
     fractions = np.full(len(target.points), np.nan)
     if target.pressures is not None:
         asked = target.pressures > 0.0

@@ -93,7 +93,7 @@ class AUTD3Boards(Link):
 class AUTD3Link(AUTD3Boards):
     """EtherCAT link to a chain of AUTD3 boards with firmware older than 0.10, for an ``Emission``.
 
-    The link is created closed; ``Emission`` opens it. Opening requires the package pyautd3
+    The link is closed at first; ``Emission`` opens it. Opening requires the package pyautd3
     (``pip install 'airtact[autd3-legacy]'``), and fails with the code "link_failed" if the boards
     do not answer. For boards with firmware 0.12, use ``UDPLink``.
 

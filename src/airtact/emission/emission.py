@@ -219,7 +219,7 @@ class Emission:
 
     @property
     def process(self) -> int | None:
-        """Id of the process that opened the link; None if it is this one or no link is open."""
+        """Id of the process that opened the link; None if it is this process or no link is open."""
         return None if self._link_process is None else self._link_process.process
 
     def send(self, drive: Drive, wait: bool = True, at: float | None = None) -> Frame:

@@ -53,8 +53,8 @@ def load_drive(
     Parameters
     ----------
     path : the file.
-    rate : frames per second, in place of a rate that the file contains; required for several frames
-        without a rate.
+    rate : frames per second, which overrides a rate in the file; required if the file contains
+        several frames but no rate.
     board : kind of board for which a .bin file was written, such as "autd3"; required for .bin
         files and ignored for other files.
     elements : number of elements of all boards together, for a .bin file; by default that of
@@ -70,8 +70,8 @@ def load_drive(
     InvalidInput
         If the file cannot be read, has an unknown ending or a newer format, contains numbers that
         are not valid in a drive, or contains several frames but no rate. For a .bin file, the error
-        is also raised if the board is missing or unknown, or ``elements`` is not the size of a
-        number of boards.
+        is also raised if the board is missing or unknown, or ``elements`` does not correspond
+        to whole boards.
     """
     path = Path(of_kind(path, str | Path, "the file of a drive", "its path"))
     contents = drive_in(path, board, elements)

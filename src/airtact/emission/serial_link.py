@@ -27,7 +27,7 @@ def serial_ports() -> list[str]:
 class SerialLink(Link):
     """Serial link to one or two SonicSurface boards, or to one Nano16.
 
-    Pass it to ``Emission``. The link is created closed; ``Emission`` opens it, which requires the
+    Pass it to ``Emission``. The link is closed at first; ``Emission`` opens it, which requires the
     package pyserial (``pip install 'airtact[serial]'``) and fails with the code "link_failed" if
     the port cannot be opened.
 
@@ -48,8 +48,8 @@ class SerialLink(Link):
     Raises
     ------
     InvalidInput
-        If the kind of board is unknown or has no serial line, one line cannot drive this number of
-        boards, or the port is not text.
+        If the kind of board is unknown or has no serial line, if one line cannot drive this number
+        of boards, or if the port is not text.
     """
 
     name = "serial"

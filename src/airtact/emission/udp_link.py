@@ -18,7 +18,7 @@ from airtact.geometry.pose import Pose
 class UDPLink(AUTD3Boards):
     """UDP link to a chain of AUTD3 boards with firmware 0.12, for an ``Emission``.
 
-    The link is created closed, and ``Emission`` opens it. Opening it requires the package autd3
+    The link is closed at first, and ``Emission`` opens it. Opening it requires the package autd3
     (``pip install 'airtact[autd3]'``), and raises ``InvalidInput`` with the code "link_failed" if
     the boards do not answer. The boards silence themselves half a second after the last call of
     ``send``, ``play`` or ``probe``; an ``Emission`` calls ``probe`` often enough. A frame can be

@@ -158,7 +158,7 @@ class Comparison:
     def weakest(self, held_equal: str) -> Float64[np.ndarray, "drives"]:
         """Return the pressure (D,) [Pa] of each drive at its weakest focus for one normalisation.
 
-        The weakest focus has the least pressure relative to its request or share; see
+        The weakest focus has the lowest pressure relative to its request or share; see
         ``Target.weakest``. ``held_equal`` is the normalisation: "equal peak", "equal energy" or
         "phase only".
 
@@ -253,8 +253,8 @@ def compare(
         ratios that the result prints. The results do not depend on the scale of a drive.
     target : the F foci in the obstacles' frame. Their requests only determine which focus is the
         weakest.
-    solver : solver for the field. Use a more accurate solver than the one for the drives'
-        transfer matrix, or another method.
+    solver : solver for the field. Use a more accurate solver than the one used for the
+        drives' transfer matrix, or a solver based on another method.
     progress : function, such as ``print``, that is called with a description of each step as it
         begins.
 

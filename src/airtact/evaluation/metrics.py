@@ -127,7 +127,7 @@ def field_map(
     points : (P, 3) points at which the pressure is evaluated [m]. Behind the faces of directional
         elements the result is meaningless, because real elements are shielded there.
     solver : solver for the field. To verify a drive, use a more accurate solver than the one
-        for its transfer matrix, or another method.
+        used for its transfer matrix, or a solver based on another method.
     progress : function, such as ``print``, that is called with a description of each step as it
         begins.
 
@@ -409,7 +409,7 @@ def evaluate(
     target : the F foci in the obstacles' frame, and their requested pressures. The requests only
         affect the summary; suppression points are ignored.
     solver : solver for the field. To verify a drive, use a more accurate solver than the one
-        for its transfer matrix, or another method.
+        used for its transfer matrix, or a solver based on another method.
     progress : function, such as ``print``, that is called with a description of each step as it
         begins.
 

@@ -49,9 +49,9 @@ class Scan:
     Raises
     ------
     InvalidInput
-        If there is not one reading per position, if a number is NaN or infinite, if there are
-        fewer than 3 different positions, if a position is more than 2 m from the frame's origin, or
-        if all readings are 0.
+        If the number of readings differs from that of the positions, if a number is NaN or
+        infinite, if there are fewer than 3 different positions, if a position is more than 2 m from
+        the frame's origin, or if all readings are 0.
     """
 
     points: Float64[np.ndarray, "points 3"]
@@ -221,8 +221,8 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
     InvalidInput
         If ``predicted`` does not have one pressure per position of the scan, if fewer than 3
         positions can be compared, or if the prediction is 0 at all of them. The error is also
-        raised if the relative error is above 20 %, but less than half as large with the phases of
-        the scan negated.
+        raised if the relative error is above 20 %, but would be less than half as large if the
+        phases of the scan were negated.
 
     Examples
     --------
@@ -323,7 +323,7 @@ def fitted(
 
 @dataclass(frozen=True)
 class Microphone:
-    """A round microphone at the end of a straight housing, to predict what a scan measures.
+    """A round microphone at the end of a straight housing, used to predict what a scan measures.
 
     ``read`` returns the mean complex pressure over the face, or NaN where a body overlaps the face
     or the housing. The position of the microphone is the centre of its face. Scattering by the

@@ -260,10 +260,10 @@ def calibrate_from_scans(
     Raises
     ------
     InvalidInput
-        If there is no scan or not one drive per scan, if a drive is silent or does not have as many
-        elements as the array, or if the scene has bodies or planes. The error is also raised if a
-        scan deviates from the fitted field by more than 20 % (rms), but by less than half as much
-        with negated phases.
+        If there is no scan, if the number of drives differs from that of the scans, if a drive is
+        silent or does not have as many elements as the array, or if the scene has bodies or planes.
+        The error is also raised if a scan deviates from the fitted field by more than 20 % (rms),
+        but would deviate by less than half as much if its phases were negated.
     NotConverged
         With the code "pose_not_found", if the rms deviation of a scan from the fitted field exceeds
         50 % of the scan's rms pressure.

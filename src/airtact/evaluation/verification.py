@@ -260,7 +260,7 @@ class Verification:
 
     @property
     def suppression_level(self) -> float:
-        """Mean p² at the suppression points relative to the foci [dB], or NaN without them."""
+        """Mean p² at the suppression points relative to the foci [dB]; NaN if there is no point."""
         if not len(self.suppression_points):
             return float("nan")
         foci = np.mean(self.evaluation.magnitudes**2)
@@ -322,7 +322,7 @@ def verify(
     drive : the drive of the array, with E complex amplitudes as fractions of full scale.
     target : the foci and suppression points in the obstacles' frame.
     solver : solver for the field. To verify a drive, use a more accurate solver than the one
-        for its transfer matrix, or another method.
+        used for its transfer matrix, or a solver based on another method.
     transfer : transfer matrix of the target, from which the attainable pressures follow (see
         ``attainable``); by default, it is computed with ``solver`` in a second solve.
     head : (3,) or (N, 3) points of a head in the obstacles' frame, at which the sound pressure

@@ -20,7 +20,7 @@ from airtact.errors import LARGEST_DATA, InvalidInput, about, file_fault
 
 
 def check_file(path: Path, largest: int = LARGEST_DATA) -> None:
-    """Raise an error for a missing file, a device, a pipe, or a file of over ``largest`` bytes."""
+    """Raise an error if a file is missing, is a device or a pipe, or exceeds ``largest`` bytes."""
     try:
         status = path.stat()
     except OSError as error:

@@ -153,7 +153,7 @@ class QuadraticMesh:
         return total
 
     def depth(self, points: Points) -> PointLengths:
-        """Return the depth [m] of points (P, 3) below the surface, which is negative outside.
+        """Return the depth [m] of points (P, 3) below the surface, negative outside.
 
         The sign follows from the normal at the closest point. On edges and corners, it follows from
         the angle-weighted mean normal (J. A. Bærentzen, H. Aanæs, IEEE Trans. Vis. Comput. Graph.

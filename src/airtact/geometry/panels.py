@@ -45,7 +45,7 @@ LARGEST_TO_GAP = 2.0
 class Panels:
     """Curved panels that cover the B bodies of a scene, for the boundary element method.
 
-    ``panels_of`` returns all T panels of a scene, for ``BoundaryElement``.
+    ``panels_of`` returns all T panels of a scene, as ``BoundaryElement`` uses them.
 
     Attributes
     ----------

@@ -142,7 +142,7 @@ class Pose:
         return self.rotate(points) + self.translation
 
     def rotate(self, vectors: Real[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 3"]:
-        """Return directions (..., 3) after the rotation, without the translation."""
+        """Rotate directions (..., 3) without translating them."""
         return np.asarray(vectors, dtype=np.float64) @ self.rotation.T
 
     def inverse(self) -> "Pose":

@@ -108,7 +108,10 @@ class Capsule(Shape):
         return [RidgedMesh(np.array(surface.vertices), np.array(surface.triangles), no_ridges)]
 
     def flat_mesh(self, away: float) -> FlatMesh:
-        """Return flat triangles at most ``away`` [m] and 1 % of the radius from the surface."""
+        """Return flat triangles close to the surface.
+
+        Their distance from it is at most ``away`` [m] and at most 1 % of the radius.
+        """
         sagitta = min(away, 0.01 * self.radius)
         mesh = self.mesh(float(np.sqrt(8.0 * sagitta * self.radius)))
         return mesh.vertices, mesh.triangles
@@ -258,7 +261,7 @@ def turn_from_z(direction: Vector3) -> Float64[np.ndarray, "3 3"]:
 def nearest_on_segments(
     first: Float64[np.ndarray, "2 3"], second: Float64[np.ndarray, "2 3"]
 ) -> tuple[Vector3, Vector3]:
-    """Return the point [m] of each of two segments (2, 3) that is nearest to the other segment.
+    """Return the point [m] on each of two segments (2, 3) that is nearest to the other segment.
 
     Source: C. Ericson, *Real-Time Collision Detection*, Morgan Kaufmann (2005), section 5.1.9.
     """

@@ -91,7 +91,7 @@ class Shape(ABC):
 
     @abstractmethod
     def depth(self, points: Points) -> PointLengths:
-        """Return the depth [m] of points (P, 3) below the surface, which is negative outside."""
+        """Return the depth [m] of points (P, 3) below the surface, negative outside."""
 
     @abstractmethod
     def project(self, points: Points) -> PointVectors:
@@ -125,7 +125,7 @@ class Shape(ABC):
 
     @abstractmethod
     def extreme_points(self) -> PointVectors:
-        """Return points (P, 3) with the same axis-aligned bounding box as the body [m]."""
+        """Return points (P, 3) [m] with the same axis-aligned bounding box as the body."""
 
     def farthest(self, direction: Vector3) -> Vector3:
         """Return the point (3,) of the body [m] that is farthest along a unit direction."""

@@ -203,7 +203,7 @@ class Surface:
         return panels_of([self.shape], edge, np.empty((0, 3)), smallest=0.5 * edge)
 
     def depth(self, points: Points) -> PointLengths:
-        """Return the depth (P,) [m] of points (P, 3) below the surface, which is negative outside.
+        """Return the depth (P,) [m] of points (P, 3) below the surface, negative outside.
 
         The method raises ``InvalidInput`` if the shape of ``points`` is wrong or a point is not
         finite.

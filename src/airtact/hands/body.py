@@ -168,7 +168,7 @@ class Touch:
 
     @property
     def note(self) -> str:
-        """A sentence that states the merged parts, their position, and their gap or overlap."""
+        """A sentence that names the merged parts, and states their position and gap or overlap."""
         apart = "have a gap of" if self.gap > 0.0 else "overlap by"
         return (
             f"the {self.first} and the {self.second} are merged near {in_mm(self.place)}: their "

@@ -108,7 +108,7 @@ def _read_pose(path: Path) -> Pose:
     # Deep nesting must not cause a traceback.
     except (ValueError, RecursionError) as error:  # msgspec raises subclasses of ValueError
         raise InvalidInput(
-            "the file does not contain a pose of a hand: "
+            "the file does not contain a hand pose: "
             f"{error or 'its brackets are nested too deeply'}.",
             code="wrong_kind",
         ) from None

@@ -95,7 +95,7 @@ class ObjectMessage(
 
     Attributes
     ----------
-    name : name of the object, 1 to 64 characters. An existing object of this name is replaced, also
+    name : name of the object, 1 to 64 characters. An existing object of this name is replaced, even
         if another application or the scene file added it.
     mesh : shape of the object as a mesh, in the object's own coordinates.
     pose : pose that maps the object's coordinates to those of the scene; by default, both are the
@@ -244,7 +244,7 @@ class FociMessage(msgspec.Struct, frozen=True, tag="foci"):
 
 
 class ClearMessage(msgspec.Struct, frozen=True, tag="clear"):
-    """Request of an application to remove all foci and objects that it has added.
+    """Request from an application to remove all foci and objects that it has added.
 
     Attributes
     ----------
@@ -296,7 +296,7 @@ class FocusState(msgspec.Struct, frozen=True):
 class StateMessage(msgspec.Struct, frozen=True, tag="state"):
     """Message from the live loop to an application about the current foci and contacts.
 
-    Positions in it are in scene coordinates.
+    Positions in the message are in scene coordinates.
 
     Attributes
     ----------

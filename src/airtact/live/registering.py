@@ -42,7 +42,7 @@ class TouchStep:
     number, count : number of the current touch, from 1, and total number of touches.
     element, point : array index of the transducer to touch, and its position in the scene
         (3,) [m].
-    words : name of the transducer for the user, with its position.
+    words : name and position of the transducer, as shown to the user.
     share : fraction of the required 1 s for which the fingertip has been at rest; 1 once the touch
         is recorded.
     trouble : reason why no fingertip is seen; "" if one is seen.
@@ -142,8 +142,8 @@ def register_tracker(
 
     Parameters
     ----------
-    setup : scene with the array. If the scene has hands, the first of them determines with which
-        hand, left or right, to touch the transducers.
+    setup : scene with the array. If the scene has hands, the first one determines whether the
+        left or the right hand must touch the transducers.
     source : "websocket" for a tracker that sends frames, optionally with ":PORT"; or the path of a
         recording of the touches.
     elements : array indices of at least 3 transducers to touch, in order; by default, those of

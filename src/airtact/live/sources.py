@@ -48,7 +48,7 @@ class HandSource:
 
     Attributes
     ----------
-    words, world : the parameters of these names.
+    words, world : the parameters of the same names.
     stream : ``HandStream`` that checks frames and transforms them to scene coordinates. It skips
         faulty frames without an exception, and counts them in ``stream.health``.
     ended : whether the source has delivered its last frame; always False in this class.

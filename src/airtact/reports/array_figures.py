@@ -350,7 +350,7 @@ def _add_discs(
 
 
 def view_of(normals: Real[np.ndarray, "elements 3"]) -> View:
-    """Return a view into an array that surrounds a hand, or an oblique view of another array."""
+    """Return a view into an array that surrounds a hand, or an oblique view of any other."""
     mean = normals.mean(axis=0)
     if np.linalg.norm(mean) < 0.3:
         return -58.0, 26.0

@@ -83,7 +83,7 @@ class SceneView:
 
 
 def off_one_plane(setup: Setup) -> bool:
-    """Return True if the scene has bodies and more than two foci, which may not be in one plane."""
+    """Return True if the scene has bodies and more than two foci, which might not be coplanar."""
     return len(setup.foci) > 2 and bool(setup.scene.obstacles)
 
 

@@ -67,7 +67,7 @@ class Located:
         wrong model, such as a different hand.
     converged : whether the iteration converged with a misfit of at most 0.1 and, for a
         ``ScatteringFamily``, an opening inside its range. If False, do not use the pose.
-    steps : number of steps of the last refinement of the pose.
+    steps : number of steps in the last refinement of the pose.
     centre : (3,) centre of the ball around the bodies, at ``pose`` in the array's frame [m].
     left_out : element indices of the receivers that were excluded because their signals do not
         match any pose, such as dead receivers.
@@ -154,9 +154,9 @@ def locate(
 
     Returns
     -------
-    A ``Located`` with the pose that matches the echoes best, which maps the frame of the bodies to
-    that of the array, and its uncertainty. Use it only if its attribute ``converged`` is True; a
-    search that fails raises no error.
+    A ``Located`` with the pose that matches the echoes best, and its uncertainty. The pose maps the
+    frame of the bodies to that of the array. Use the result only if its attribute ``converged`` is
+    True; a search that fails raises no error.
 
     Raises
     ------

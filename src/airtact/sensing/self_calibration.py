@@ -243,7 +243,7 @@ class ArrayFit:
         return self.follow(start, best.wavenumber)
 
     def follow(self, boards: tuple[PhasedArray, ...], wavenumber: complex) -> ArrayState:
-        """Fit by damped Gauss-Newton steps, starting at the given boards and wavenumber."""
+        """Fit by damped Gauss-Newton steps, starting from the given boards and wavenumber."""
         ones = np.ones(len(self.measured), dtype=np.complex128)
         here = self._state(boards, wavenumber, ones, ones)
         units = _units(boards, wavenumber)
@@ -386,9 +386,9 @@ def calibrate(
 
     Returns
     -------
-    A ``Calibrated`` with the corrected array, the gains and the sound speed, and their uncertainty.
-    Use it only if its attribute ``converged`` is True. It may be False if the poses or the sound
-    speed are wrong by more than stated above.
+    A ``Calibrated`` with the corrected array, the gains and the sound speed, and their
+    uncertainties. Use it only if its attribute ``converged`` is True. It may be False if the poses
+    or the sound speed are wrong by more than stated above.
 
     Raises
     ------

@@ -173,9 +173,9 @@ def simulate_transmissions(
     Raises
     ------
     InvalidInput
-        If there is not one row of codes and one gain per element, if a transmission is silent, if
-        the array cannot be divided into this number of boards (or no number is given, and their
-        kind is unknown), or if a parameter is outside its range.
+        If the number of rows of codes or the number of gains differs from the number of elements,
+        if a transmission is silent, if the array cannot be divided into this number of boards (or
+        no number is given, and their kind is unknown), or if a parameter is outside its range.
     """
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     parts = boards_of(array, boards)
@@ -318,11 +318,11 @@ def simulate_echoes(
     Raises
     ------
     InvalidInput
-        If there is not one row of codes per element, if a code exceeds full scale, or if a
-        transmission is silent. If a receiver does not exist or is listed twice. If elements overlap
-        each other or a body, or, with a scattering matrix, are inside the ball around the bodies.
-        If the scattering matrix belongs to another scene, or the solver does not support the scene.
-        If ``noise`` or ``seed`` is outside its range.
+        If the number of rows of codes differs from the number of elements, if a code exceeds full
+        scale, or if a transmission is silent. If a receiver does not exist or is listed twice. If
+        elements overlap each other or a body, or, with a scattering matrix, are inside the ball
+        around the bodies. If the scattering matrix belongs to another scene, or the solver does not
+        support the scene. If ``noise`` or ``seed`` is outside its range.
     NotConverged
         If ``made_by`` stops before it converges.
 

@@ -74,7 +74,7 @@ class Contender:
 
     @property
     def suppression_level(self) -> float:
-        """Mean p² at the suppression points relative to the foci [dB]; NaN without such points."""
+        """Mean p² at the suppression points relative to the foci [dB]; NaN if there is no point."""
         if not len(self.suppression_points):
             return float("nan")
         ratio = np.mean(self.suppression_points**2) / np.mean(self.pressures**2)

@@ -36,9 +36,9 @@ class Cause:
     Attributes
     ----------
     name : short description of what changes, such as the hand or the rounding to levels.
-    pressures : (F,) peak pressure at each focus with this cause and all preceding causes [Pa]. From
-        the cause ``MODULATED`` on, it is the root mean square of the peak pressure over one period
-        of the modulation.
+    pressures : (F,) peak pressure at each focus with this cause and all preceding causes [Pa]. For
+        ``MODULATED`` and all later causes, it is the root mean square of the peak pressure over one
+        period of the modulation.
     remedy : change that would remove the cause, as a sentence; empty if there is none.
     """
 
@@ -53,8 +53,8 @@ class Cause:
 class Explanation:
     """Explanation of the pressure at each focus, as returned by ``why``.
 
-    It leads from the largest pressure in open air to that of the emitted drive, by adding causes
-    such as the hand, the number of foci or the rounding to levels one by one.
+    It begins with the largest pressure in open air and ends with that of the emitted drive. Causes
+    such as the hand, the number of foci or the rounding to levels are added one by one.
 
     Attributes
     ----------
@@ -102,10 +102,9 @@ class Explanation:
 def why(result: Rendering, kept: float | None = None) -> Explanation:
     """Explain the pressure at each focus of a rendered drive.
 
-    The first pressure is the largest that the array can produce anywhere in open air. Causes that
-    change the pressure, such as the shadow of the hand or rounding, are added one by one, and the
-    pressure is computed after each. The pressure after the last cause is therefore the first
-    pressure plus all changes.
+    The first pressure is the largest that the array can produce anywhere in open air. Causes such
+    as the shadow of the hand or rounding are added one by one, and the pressure is computed after
+    each. The pressure after the last cause is therefore the first pressure plus all changes.
 
     Parameters
     ----------

@@ -510,7 +510,7 @@ def _verified(setup: Setup, search: Search, array: PhasedArray) -> float:
 
 
 def hands_of(setup: Setup, recording: Path, count: int) -> "list[at.Hand]":
-    """Return up to ``count`` hands of a recording, evenly spaced in time.
+    """Return up to ``count`` hands from a recording, evenly spaced in time.
 
     Their radii are those of the setup's hand.
 

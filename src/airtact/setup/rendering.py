@@ -87,8 +87,8 @@ class Rendering:
         no equilibrium within half a wavelength; empty if there are no traps.
     headline : sentence that states the pressures that ``drive`` and the control drive produce at
         the weakest focus.
-    remarks : sentences on requests that were not met, and on the fraction of the upper bound
-        that the drive reaches.
+    remarks : sentences about requests that were not met, and about the fraction of the upper
+        bound that the drive reaches.
     sensation : sentences that compare the foci with the tactile threshold.
     warnings : warnings about the setup, the method and both solves, one sentence each.
     seconds : wall time of each step by name [s].

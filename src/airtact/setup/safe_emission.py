@@ -126,7 +126,7 @@ class Plan:
         return float(pressures[exact >= 1e-3 * exact.max()].min())
 
     def facts(self, link: str) -> list[tuple[str, str]]:
-        """Describe the emission through a link, as pairs of name and text."""
+        """Return pairs of name and text that describe the emission through a link."""
         drives = self.stored.drives
         board = self.board
         words = f"{len(self.poses)} {board.title}, {drives.shape[1]} transducers, through {link}"

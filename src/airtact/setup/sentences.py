@@ -63,7 +63,7 @@ def touches(setup: Setup) -> tuple[str, ...]:
 
 
 def trap_sentences(setup: Setup, verdicts: "Sequence[at.traps.Verdict]") -> Iterator[str]:
-    """State the verdict on each trap, and its distance from the requested point if noticeable."""
+    """State the verdict on each trap, and any noticeable distance from the requested point."""
     for index, (trap, verdict) in enumerate(zip(setup.traps, verdicts, strict=True), 1):
         away = float(np.linalg.norm(verdict.point - trap.point))
         moved = ""

@@ -33,7 +33,7 @@ class MovingDrive:
     steepening : effect of nonlinear steepening on ``pressures``. The motion of the foci is
         ignored.
     rounding : (P,) factors by which rounding to the setup's levels multiplies ``pressures``.
-    warnings : sentences on methods that stopped early.
+    warnings : sentences about methods that stopped early.
     speed : mean speed of the fastest focus along its path [m/s]; None for lateral modulation, which
         moves each focus only within its own area.
     """
@@ -59,7 +59,7 @@ class MovingDrive:
         return self.sequence.drives[:: len(self.sequence) // len(self.target.points)]
 
     def sentences(self, foci: tuple[str, ...] = ()) -> tuple[str, ...]:
-        """State the pressure at the weakest position, and nonlinear steepening if noticeable."""
+        """State the pressure at the weakest position, and any noticeable nonlinear steepening."""
         # Where the estimate is invalid, the linear pressure is far above the threshold.
         felt = self.rounding * np.fmin(self.pressures, self.expected)
         words = at_weakest(self.pressures, self.target, foci)

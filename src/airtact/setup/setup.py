@@ -37,7 +37,7 @@ class Setup:
     solver : solver that computes the fields; by default, ``BoundaryElement`` with ``accuracy``, or
         ``FreeField`` without bodies.
     accuracy : requested relative error of the fields; by default, the accuracy of ``solver`` if it
-        has one, else 0.01.
+        has one, and 0.01 otherwise.
     method : name of the method that computes the drive, a key of ``drives.METHODS``; "best" by
         default.
     levels : ``Levels`` of amplitude and phase to which the drive is rounded; by default, 256 of
@@ -62,8 +62,8 @@ class Setup:
         default, the identity.
     left_out : planes behind the boards, which are removed from ``scene`` because no sound reaches
         them. This attribute is not a parameter.
-    path, text : path and content of the scene file, if the setup was read from one; else None and
-        "".
+    path, text : path and content of the scene file, if the setup was read from one; otherwise
+        None and "".
 
     Raises
     ------

@@ -214,7 +214,7 @@ class ObstacleTable(Table, frozen=True):
     union : whether overlapping parts are replaced by their common outer surface.
     smallest : width below which bores are filled and walls are removed [m].
     hand : pose file of a hand.
-    gap : distance to which thumb and index finger are opened [m].
+    gap : desired distance between thumb and index finger [m].
     boundary : "sound_hard" reflects fully, "impedance" absorbs sound, "filled" contains another
         fluid.
     ratio : surface impedance Z/(ρc); [real, imaginary] if complex.
@@ -703,9 +703,9 @@ class SceneFile(Table, frozen=True):
     merge_bodies : whether to merge sound-hard bodies that overlap or are less than 0.3
         mm apart.
     most_points : largest number of foci and suppression points together.
-    solver : settings for the field.
+    solver : settings of the solver.
     drive : settings for the drive.
-    uncertainty : standard deviations, for the methods "robust" and
+    uncertainty : standard deviations used by the methods "robust" and
         "robust_phase_only".
     tracker : pose of the tracker in the obstacles' frame, for ``airtact live``.
     """

@@ -53,7 +53,7 @@ class Solid(ABC):
 
 @dataclass(frozen=True, eq=False)
 class Box(Solid):
-    """A box whose sides are parallel to the axes of its own frame, for a ``VirtualObject``.
+    """A box with sides parallel to the axes of its own frame, as the shape of a ``VirtualObject``.
 
     To turn or move the box, set ``VirtualObject.pose``.
 

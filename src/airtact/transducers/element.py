@@ -144,7 +144,7 @@ class Element:
 
 
 def monopole(sensitivity: float = DEFAULT_SENSITIVITY) -> Element:
-    """Return a transducer that radiates equally in all directions, for a ``PhasedArray``.
+    """Return a transducer that radiates equally in all directions.
 
     Inoue, Makino and Shinoda (2014, section 4.1) use this model. ``piston`` returns a directional
     transducer.

@@ -58,7 +58,7 @@ class Levels:
 
     @classmethod
     def even(cls, amplitudes: int = 256, phases: int = 256) -> "Levels":
-        """Return levels with amplitudes at equal steps from 0 to full scale.
+        """Return levels with amplitudes in equal steps from 0 to full scale.
 
         Parameters
         ----------

@@ -233,7 +233,7 @@ def _height(
 def open_air_bound(
     array: PhasedArray, points: Real[np.ndarray, "points 3"], wavenumber: complex
 ) -> Float64[np.ndarray, "points"]:
-    """Return the peak pressure [Pa] at points with all elements at full scale and in phase there.
+    """Return the pressure [Pa] at points if all elements, at full scale, add up in phase there.
 
     The pressure is the sum of |g_e| · sensitivity · |Σ_j w_j e^{ikr}/r| over
     the elements e that face the point, with gain g_e and weights w_j. Without

@@ -254,7 +254,7 @@ def signature(
     kind: Literal["twin", "vortex", "bottle"] = "twin",
     axis: Vector = (0, 1, 0),
 ) -> Drive:
-    """Convert the drive for a focus into the drive for a trap at its position, by shifting phases.
+    """Convert a drive for a focus into one for a trap at the same position, by shifting phases.
 
     The shifts are the signature of the trap. They depend on the positions of the elements relative
     to their mean position, and make the contributions of the elements to the pressure at the focus
@@ -351,7 +351,7 @@ def stiffest(
     The weakest direction is the eigenvector of the smallest eigenvalue of a trap's stiffness matrix
     (see ``stiffness``). Starting from the drive of ``hold``, L-BFGS improves the phases to a local
     maximum. A penalty keeps the force at the points small, so that the beads rest close to them;
-    ``find`` returns where. The weight of the beads is ignored.
+    ``find`` returns their resting positions. The weight of the beads is ignored.
 
     Parameters
     ----------
@@ -513,7 +513,7 @@ def path(
     Raises
     ------
     InvalidInput
-        If the bead would be lost between two frames, if no two corners differ, if the kind is
+        If the bead would be lost between two frames, if all corners coincide, if the kind is
         unknown, if the axis is zero, or if a parameter is outside its range. The error is also
         raised if the trap or one of its lobes would be in a body or behind the array.
     NotConverged

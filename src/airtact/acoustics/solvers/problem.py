@@ -45,8 +45,8 @@ class SolveReport:
     solver : name of the method, such as "BoundaryElement".
     residual : largest residual of the linear systems, relative to the right-hand side; 0 for
         closed-form solvers.
-    iterations : number of iterations until the slowest right-hand side converged; 0 without
-        iteration.
+    iterations : number of iterations until the slowest right-hand side converged; 0 if
+        nothing was iterated.
     nodes : number of unknowns; 0 for closed-form solvers.
     nodes_per_square_wavelength : unknowns per λ² of the bodies' surfaces; infinite for closed-form
         solvers.
@@ -404,7 +404,7 @@ class FreeField(Solver):
         if len(scene.obstacles) > 0:
             bodies = counted(len(scene.obstacles), "obstacle", "obstacles")
             raise InvalidInput(
-                f"FreeField only solves for open air, but the scene has {bodies}; use a solver "
+                f"FreeField supports only open air, but the scene has {bodies}; use a solver "
                 "for bodies, such as BoundaryElement.",
                 code="not_supported",
             )

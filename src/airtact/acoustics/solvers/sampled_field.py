@@ -49,8 +49,8 @@ class SampledField(RadiatedField):
     sources : the ``Monopoles`` that emit the sound, with S excitations.
     report : ``SolveReport`` with the number of nodes; computed, not passed.
     nodes : (N, 3) positions of the nodes in the frame of the scene [m].
-    pressures : (N, S) complex total peak pressures at the nodes [Pa] for the time factor e^{-iωt},
-        for each excitation. An array of shape (N,) is a single excitation.
+    pressures : (N, S) complex peak value of the total pressure at each node for each excitation
+        [Pa]; the time factor is e^{-iωt}. An array of shape (N,) is a single excitation.
 
     Raises
     ------

@@ -307,8 +307,8 @@ def round_size(vertices: Vertices, triangles: Triangles, ridges: Ridges, turn: f
     """Return the edge length [m] over which the normal of a sphere turns by ``turn``.
 
     The sphere has the body's mean Gaussian curvature: the sum of the angle defects divided by the
-    area, both away from sharp edges (``ridges``). The result is infinite for bodies of flat faces.
-    ``turn`` is in radians.
+    area, both away from sharp edges (``ridges``). The result is infinite for bodies with flat
+    faces. ``turn`` is in radians.
     """
     defect, area = _angle_defects(vertices, triangles, ridges)
     total_defect = float(defect.sum())

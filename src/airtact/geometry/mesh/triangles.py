@@ -339,7 +339,7 @@ def check_indices(count: int, triangles: AnyTriangles) -> None:
 
 
 def check_not_degenerate(vertices: AnyVertices, triangles: AnyTriangles) -> None:
-    """Raise ``InvalidInput`` for triangles whose height is below 1e-6 of their longest edge."""
+    """Raise ``InvalidInput`` for triangles whose height is below 1e-6 times their longest edge."""
     corners = vertices[triangles]
     edges = np.roll(corners, -1, axis=1) - corners
     twice_area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)

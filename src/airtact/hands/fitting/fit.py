@@ -163,7 +163,7 @@ def fit_hand(
         of the points [m]. They may be wrong by several millimetres, but not by more than 30.
     side : ``"right"`` or ``"left"``; by default it is inferred from the landmarks if the fingers
         bend enough.
-    camera : (3,) position, in the frame of the points, from which all of them were seen [m]. Points
+    camera : (3,) position of the camera that saw all points, in the frame of the points [m]. Points
         are then matched only to skin that faces the camera, and the hand stays within the observed
         silhouette. Omit it if the points were measured from several directions.
     before : result for the previous frame. Its pose is the initial guess if a rigid motion
@@ -395,9 +395,9 @@ def cell_means(points: Points, cell: float = 4e-3) -> Float64[np.ndarray, "fewer
 def with_offset(hulls: Hulls, points: Points, edges: Sequence[float]) -> Surface | None:
     """Return a body's skin moved toward measured points (N, 3), or None if triangles cross.
 
-    Each vertex moves by the mean distance of the points near it. The model and the real hand differ
-    by 0.5 to 2 mm, which matters at a wavelength of 8.6 mm. The skin is meshed with the first of
-    the edge lengths ``edges`` [m] for which its triangles do not cross.
+    Each vertex moves along its normal by the mean distance of nearby points from the skin. The
+    model and the real hand differ by 0.5 to 2 mm, which matters at a wavelength of 8.6 mm. The skin
+    is meshed with the first of the edge lengths ``edges`` [m] for which its triangles do not cross.
     """
     for edge in edges:
         skin = even_skin(hulls, edge)

@@ -256,7 +256,7 @@ def best_hand(seen: Observation, starts: Sequence[Joints], sizes: Sizes, hold: b
 
 
 def next_hand(seen: Observation, joints: Joints, sizes: Sizes, hold: bool) -> Solution:
-    """Fit the hand, starting at the joints of the previous frame [m]."""
+    """Fit the hand, starting from the joints of the previous frame [m]."""
     unknowns = np.concatenate([joints.ravel(), sizes])
     hulls, _ = hand_hulls(joints, np.exp(sizes[SIZE_RADII]))
     min_scale = FIRST_SCALE

@@ -178,7 +178,7 @@ def replay(
 
     Parameters
     ----------
-    frames : frames in the order of their times, such as ``load_recording(path).frames``.
+    frames : frames in chronological order, such as ``load_recording(path).frames``.
     speed : playback speed above 0; 2 is twice as fast, and infinity plays without pauses. 1 by
         default.
     clock : function that returns the time [s]; by default ``time.monotonic``.

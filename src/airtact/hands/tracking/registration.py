@@ -32,7 +32,7 @@ class Registration:
         scene.
     scale : factor by which the tracker's lengths are multiplied before the pose is applied; 1
         unless another factor was given or fitted.
-    offset : distance of the joint in the fingertip from a touched face [m], as given or fitted.
+    offset : distance between the joint in the fingertip and a touched face [m], given or fitted.
     residuals : (T,) distance of each touch, after the fit, from its point shifted outward by
         ``offset`` [m].
     position_error : standard deviation of the position at the middle of the touched points, in the
@@ -108,7 +108,7 @@ def register(
     Raises
     ------
     InvalidInput
-        If there are fewer than 3 touches, if there is not one touch and one normal per point, if
+        If there are fewer than 3 touches, if the touches, points and normals differ in number, if
         the points lie on one line, if the offset is outside its range or cannot be distinguished
         from a shift of the tracker, or if the rms of the residuals is more than 10 mm and no single
         touch is the cause.

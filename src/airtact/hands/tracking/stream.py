@@ -62,7 +62,7 @@ class StreamHealth:
         whose time is not later.
     time_leap : number of frames whose time is ahead of the tracker's clock.
     too_fast : number of frames in which the hand moved faster than 3 m/s.
-    second_tracker : number of frames of a hand that another connection already sends.
+    second_tracker : number of frames of a hand that is already received from another connection.
     skipped : number of missing frames, counted from gaps in the frame numbers.
     restarted : number of restarts of a tracker or its clock.
     converted : number of frames whose time was converted from milli-, micro- or nanoseconds.
@@ -172,7 +172,7 @@ class HandStream:
     Raises
     ------
     InvalidInput
-        If the silence is not above zero.
+        If ``silence`` is not above zero.
     """
 
     def __init__(
@@ -261,7 +261,7 @@ class HandStream:
             return None
 
     def disconnect(self, source: str, interrupted: bool) -> None:
-        """Release the hands of a connection that ended, and count it if it was interrupted."""
+        """Release the hands of a connection that ended, and count interrupted connections."""
         with self._changed:
             self._counts["interrupted"] += interrupted
             for hand in self._hands.values():
@@ -336,7 +336,7 @@ class HandStream:
         if hand.disorder > 0.4:
             raise FaultyFrame(
                 "backwards",
-                f"the times of the {frame.side} hand's frames repeatedly go back; send "
+                f"the frame times of the {frame.side} hand repeatedly go backwards; send "
                 "all times in seconds, from a single steady clock.",
             )
         time = hand.unit * frame.time + hand.shift

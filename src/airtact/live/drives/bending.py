@@ -268,7 +268,7 @@ def _detoured(
 def detours(
     centres: Float64[np.ndarray, "hulls foci 3"], foci: Foci, elements: Points
 ) -> Float32[np.ndarray, "hulls foci points"]:
-    """Return how much longer [m] the paths from foci to elements are via each centre."""
+    """Return the length [m] that a detour via each centre adds to paths from foci to elements."""
     begun = np.linalg.norm(centres - foci, axis=2)
     through = cdist(centres.reshape(-1, 3), elements).reshape(*begun.shape, -1)
     return (begun[..., None] + through - cdist(foci, elements)).astype(np.float32)
@@ -465,7 +465,7 @@ class BendingHand:
         return self._panels_for(posed).solved(posed, time)
 
     def received(self, joints: Joints, sources: Monopoles, residual: float) -> DirectSolution:
-        """Compute the scattering for sources away from the skin, to a given relative residual."""
+        """Compute the scattering for sources away from the skin to this relative residual."""
         posed = pose_hand(self._scene, joints)
         return self._panels_for(posed).received(posed, sources, residual)
 

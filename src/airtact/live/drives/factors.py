@@ -250,7 +250,7 @@ class PartSolver:
         self._bent: list[BentPanels] = []  # the newest ones first
 
     def solved(self, joints: Joints, part: Rule, time: float) -> HandFactors:
-        """Compute the scattering by part of a hand, as rigid bodies if possible, else as a mesh.
+        """Compute the scattering by part of a hand, as rigid bodies if possible, or else as a mesh.
 
         ``time`` is the time of the pose, on the tracker's clock [s].
         """

@@ -58,7 +58,7 @@ def start_server(
     port, host : port and address to listen on; port 0 selects a free port.
     page : the page as HTML.
     serve_page : function called with each websocket, in a separate thread.
-    certificate : PEM file with a certificate and its key, for HTTPS.
+    certificate : PEM file with a certificate and its key, required for HTTPS.
 
     Raises
     ------

@@ -136,7 +136,7 @@ class BlockMatrix:
         )
 
     def dense(self) -> Complex[np.ndarray, "nodes nodes"]:
-        """Return the matrix as one dense array, without support for low-rank blocks or bfloat16."""
+        """Return the matrix as one dense array; low-rank blocks and bfloat16 are not supported."""
         lanes = _kernels.lanes
         out = np.empty((self.count, self.count), dtype=self.precision, order="F")  # for LAPACK
         rows = lanes * self.whole.row

@@ -411,7 +411,7 @@ class BoardField(RadiatedField):
 
 
 def in_boards(scene: Scene, sources: Monopoles) -> Bool[np.ndarray, "sources"]:
-    """Return a mask of the sources in the faces of reflecting boards, to within a micrometre."""
+    """Return a mask of the sources within a micrometre of the faces of reflecting boards."""
     inside = np.zeros(len(sources.positions), dtype=bool)
     for index in scene.boards:
         inside |= np.abs(scene.obstacles[index].surface.depth(sources.positions)) < 1e-6

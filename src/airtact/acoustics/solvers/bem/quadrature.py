@@ -117,7 +117,7 @@ class Nodes:
         return 1j * wavenumber * np.repeat(self.admittance, 6) * self.weights
 
     def layer(self, wavenumber: complex) -> _kernels.Layer:
-        """Double layer of the pressure plus single layer of −∂p/∂n, for the compiled sums."""
+        """Double layer of the pressure plus single layer of −∂p/∂n, as input for compiled sums."""
         single = self.single_layer(wavenumber)
         return _kernels.Layer(self.points, self.weighted_normals, single, complex(wavenumber))
 

@@ -84,7 +84,7 @@ class FiniteElement(Solver):
         """Return a solver with the polynomial order that ``accuracy`` requires.
 
         ``accuracy`` is the target relative error away from the surface. The order is 4 for 0.03 or
-        more, 5 for 0.005 or more, and 6 below. Values outside the range 0.001 to 0.3 raise
+        more, 5 for 0.005 or more, and 6 otherwise. Values outside the range 0.001 to 0.3 raise
         ``InvalidInput``.
         """
         between(accuracy, 1e-3, 0.3, "accuracy", "", "0.01 is 1 %.")

@@ -262,7 +262,7 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
 
 
 def ball_of(scene: Scene) -> tuple[Float64[np.ndarray, "3"], float]:
-    """Return the centre and radius [m] of approximately the smallest ball around the bodies.
+    """Return the centre and radius [m] of a nearly minimal ball that encloses the bodies.
 
     The centre moves toward the farthest point in decreasing steps (M. Bădoiu, K. L. Clarkson, SODA
     (2003) 801).

@@ -52,7 +52,7 @@ def regular_quotients(
     """Return the quotients j_n(z)/j_(n-1)(z) for n from ``first`` to ``last``.
 
     The quotients are computed by downward recurrence. The argument z may be zero. Where j_(n-1)
-    vanishes, the quotient is about 1e30 instead of infinite.
+    vanishes, the quotient is about 1e30 rather than infinite.
     """
     largest = float(np.max(np.abs(arguments), initial=0.0))
     # Above the turning point |z|, each downward step reduces the initial error by the factor
@@ -110,7 +110,7 @@ def outgoing_derivatives(argument: complex) -> Iterator[complex]:
 def regular_derivatives(argument: complex) -> Iterator[complex]:
     """Yield the logarithmic derivatives j_n'(z)/j_n(z) (DLMF 10.51.2).
 
-    Where j_n vanishes, the derivative is about 1e30 instead of infinite.
+    Where j_n vanishes, the derivative is about 1e30 rather than infinite.
     """
     first = 1
     while True:

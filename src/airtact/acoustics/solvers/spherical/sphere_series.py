@@ -70,8 +70,8 @@ class SphereModes:
     wavenumber : wavenumber k outside the sphere [1/m].
     admittance : ρc/Z of the surface; 0 for a sound-hard sphere, and unused if there is a fluid
         inside.
-    inner_wavenumber : wavenumber k1 of the fluid inside [1/m], or None.
-    density_ratio : density outside divided by density inside; unused without a fluid inside.
+    inner_wavenumber : wavenumber k1 in the fluid inside [1/m], or None.
+    density_ratio : density outside divided by density inside; not used if there is no fluid inside.
     """
 
     radius: float
@@ -446,7 +446,7 @@ def _only_sphere(scene: Scene) -> tuple[Obstacle, Capsule]:
     count = len(scene.obstacles)
     if count != 1:
         raise InvalidInput(
-            f"SphereSeries solves for one sphere, but the scene has {count} obstacles; use "
+            f"SphereSeries supports only one sphere, but the scene has {count} obstacles; use "
             "BoundaryElement.",
             code="not_supported",
         )
@@ -455,7 +455,7 @@ def _only_sphere(scene: Scene) -> tuple[Obstacle, Capsule]:
     if not isinstance(shape, Capsule) or shape.length != 0.0:
         kind = "a capsule" if isinstance(shape, Capsule) else "a mesh"
         raise InvalidInput(
-            f"SphereSeries only solves for exact spheres, but the obstacle is {kind}; build it "
+            f"SphereSeries supports only exact spheres, but the obstacle is {kind}; build it "
             "with sphere(radius, edge, centre), or use BoundaryElement.",
             code="not_supported",
         )
