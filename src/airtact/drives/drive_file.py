@@ -429,7 +429,7 @@ def _drives(
         frame, element = wrong[0].tolist()
         raise InvalidInput(
             f"amplitudes must be between 0 and 1, but {len(wrong)} are not. The first is "
-            f"{amplitude[frame, element]:g}, of element {element} in frame {frame}.",
+            f"{amplitude[frame, element]:g}, for element {element} in frame {frame}.",
             code="out_of_range",
         )
     return amplitude * np.exp(1j * np.atleast_2d(phase))

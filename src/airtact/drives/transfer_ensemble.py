@@ -77,7 +77,8 @@ class TransferEnsemble(TransferMatrix):
     ------
     InvalidInput
         If the nominal matrix is empty, is zero everywhere or contains an entry that is not finite,
-        if there are no samples, or if the shape of the samples does not match the nominal matrix.
+        if there are no samples, or if the shape of the samples does not match that of the nominal
+        matrix.
     """
 
     geometry: Complex128[np.ndarray, "samples foci elements"]

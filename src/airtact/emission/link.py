@@ -378,8 +378,7 @@ class RecordingLink(Link):
     ----------
     frames : list of the ``Frame`` objects that were sent, in order; each contains the levels of all
         elements.
-    seconds : time at which each of these frames was sent, measured from the opening of the link
-        [s].
+    seconds : time from opening the link to sending each of these frames [s].
 
     Raises
     ------
@@ -402,7 +401,7 @@ class RecordingLink(Link):
 
     @property
     def seconds(self) -> list[float]:
-        """Time at which each frame was sent, measured from the opening of the link [s]."""
+        """Time from opening the link to sending each frame [s]."""
         self.collect()
         return self._seconds
 

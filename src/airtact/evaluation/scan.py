@@ -271,7 +271,7 @@ def best_shift(
 ) -> tuple[Float64[np.ndarray, "3"], float]:
     """Find the shift of the positions that makes a scan agree best with the prediction.
 
-    Agreement is measured by the error of ``Overlay``, after fitting one scale factor. The search
+    Agreement is measured by the error of ``Overlay``, with a fitted scale factor. The search
     varies one coordinate at a time, first by up to ±9 mm in steps of 3 mm and finally in steps of
     0.25 mm. It ignores shifts for which less than 30 %, or fewer than 3, of the predictions are
     known.

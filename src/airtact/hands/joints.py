@@ -200,7 +200,7 @@ def radii_of(
         radii = fixed(radii[1:])  # without the palm
     if radii.shape not in ((25,), (21,)):
         raise InvalidInput(
-            f"the radii of a hand have shape {radii.shape}; use 25 or 21, one for each joint.",
+            f"the radii of a hand have shape {radii.shape}; use 25 or 21 radii, one per joint.",
             code="wrong_shape",
         )
     check_finite(radii, "radii of a hand")

@@ -74,7 +74,7 @@ def run(
     ignore_hand : whether scattering by the hand is ignored, as in ``Controls``.
     page : port and host, such as ``(8000, "localhost")``, of a page in the browser that shows the
         run and controls it; no page by default.
-    certificate : PEM file with a certificate and its key, to serve the page over
+    certificate : PEM file with a certificate and its key, used to serve the page over
         HTTPS.
     report_step : function called with a description of each step at the start of the run.
     report : function called twice a second with the ``Status``.

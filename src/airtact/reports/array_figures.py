@@ -293,7 +293,7 @@ def draw_in_space(
     foci: Real[np.ndarray, "foci 3"],
     planes: Sequence[Plane] = (),
 ) -> None:
-    """Draw the picture of ``draw_scene`` into axes; without phases [rad], discs are grey.
+    """Draw the picture of ``draw_scene`` into axes; discs are grey if ``phases`` [rad] is None.
 
     Transducers, bodies and foci are all optional.
     """

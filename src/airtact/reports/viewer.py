@@ -42,7 +42,7 @@ View = tuple[Float64[np.ndarray, "3"], float, Float64[np.ndarray, "3"]]
 
 @dataclass(frozen=True, eq=False)
 class SceneView:
-    """The 3-D scene of a report's page, with the pressures of several drives.
+    """The 3-D scene on the page of a report, with the pressures of several drives.
 
     Attributes
     ----------

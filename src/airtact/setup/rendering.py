@@ -205,7 +205,7 @@ def save_files(run: ComputedDrive | Rendering, folder: Path) -> tuple[Path, ...]
 def save_drive(
     file: Path, drive: Drive, setup: Setup, transfer: TransferMatrix, report: SolveReport
 ) -> None:
-    """Write a drive with the scene, the solver's report, and all data required to emit it."""
+    """Write a drive with the scene, the solver's report, and all other data needed to emit it."""
     modulation = setup.modulation
     drive.save(
         file,

@@ -141,7 +141,7 @@ def save_calibration(
     Raises
     ------
     InvalidInput
-        If the file is not .csv or cannot be written.
+        If the file name does not end in .csv, or if the file cannot be written.
     """
     path = Path(of_kind(path, str | Path, "the calibration", "the path of a .csv file"))
     if path.suffix.lower() != ".csv":

@@ -120,7 +120,7 @@ class ElementSubset:
 
     @classmethod
     def of(cls, positions: Points, count: int) -> "ElementSubset":
-        """Choose ``count`` of the elements at positions (E, 3) so that they are far apart."""
+        """Choose ``count`` elements, far apart from each other, among those at positions (E, 3)."""
         chosen = [0]
         away = np.linalg.norm(positions - positions[0], axis=1)
         while len(chosen) < count:

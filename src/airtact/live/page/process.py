@@ -67,7 +67,7 @@ class PageSettings:
     ----------
     scene : the parts of the scene that stay fixed during the run.
     port, host : port and address to listen on; port 0 selects a free port.
-    certificate : PEM file with a certificate and its key, to serve the page over HTTPS.
+    certificate : PEM file with a certificate and its key, used to serve the page over HTTPS.
     hand : (25, 3) initial joints of a hand that can be dragged [m]; None if there is none.
     follows : whether the live loop follows hands from the page.
     controls : initial settings of the live loop.
@@ -107,7 +107,7 @@ class PageProcess:
     on_emergency : function called in a separate thread when the emergency stop is pressed.
     world : virtual objects, which the page can move; by default, the page shows those of each
         ``Moment``.
-    certificate : PEM file with a certificate and its key, to serve the page over
+    certificate : PEM file with a certificate and its key, used to serve the page over
         HTTPS.
 
     Attributes

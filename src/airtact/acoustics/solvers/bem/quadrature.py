@@ -77,7 +77,7 @@ class Nodes:
     weights : area that each node represents [m²].
     body : index of each node's obstacle.
     quadratic_triangles : corners and edge midpoints of the panels [m].
-    contact : distance below which a point touches a panel [m].
+    contact : distance below which a point is considered to touch a panel [m].
     centres, radii : centre of each panel, and the distance of its farthest corner or midpoint [m].
     admittance : ρc/Z of each panel; 0 for sound-hard panels.
     """

@@ -184,7 +184,7 @@ class BoundaryElement(Solver):
         ------
         InvalidInput
             If there are no bodies, if a body is filled, if a source is inside a body or behind a
-            plane, or if the memory is insufficient.
+            plane, or if there is not enough memory.
         NotConverged
             If GMRES does not reach its tolerance.
         """
@@ -349,7 +349,7 @@ class BoundaryElement(Solver):
         Raises
         ------
         InvalidInput
-            If there are no bodies, if a body is filled, or if the memory is insufficient.
+            If there are no bodies, if a body is filled, or if there is not enough memory.
         """
         from airtact.acoustics.solvers.bem.reduced_body import reduced_body
 

@@ -267,7 +267,7 @@ def check_memory(
         raise InvalidInput(
             f"finite elements of order {order} need about {unknowns:.2g} unknowns and "
             f"{size / 2**30:.1f} GiB for a box of "
-            f"{(box.high - box.low).prod() / wavelength**3:.0f} cubic wavelengths, but "
+            f"{(box.high - box.low).prod() / wavelength**3:.0f} cubic wavelengths, but only "
             f"{free / 2**30:.1f} GiB of memory are free. Use BoundaryElement, a lower order for a "
             "preview, or fewer bodies.",
             code="too_little_memory",

@@ -319,8 +319,9 @@ def _table(
     free = available_memory()
     if size > 0.5 * free:
         raise InvalidInput(
-            f"an expansion of {orders} orders needs {size / 2**30:.2g} GiB, but {free / 2**30:.2g} "
-            "GiB of memory are free. Evaluate the field itself, or solve for fewer sources.",
+            f"an expansion of {orders} orders needs {size / 2**30:.2g} GiB, but only "
+            f"{free / 2**30:.2g} GiB of memory are free. Evaluate the field itself, or solve for "
+            "fewer sources.",
             code="too_little_memory",
         )
     wide = np.zeros((fine, fine, *series.shape[2:]), dtype=np.complex64)
