@@ -155,7 +155,7 @@ class Followed:
         return facts
 
     def record(self) -> dict[str, float | str | dict[str, int] | None]:
-        """Return the summary as a dictionary for JSON; numbers that are unknown become None."""
+        """Return the summary as a dictionary for JSON; unknown numbers become None."""
         # NaN is the only value that differs from itself.
         return {name: value if value == value else None for name, value in asdict(self).items()}
 

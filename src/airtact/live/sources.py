@@ -43,7 +43,7 @@ class HandSource:
     words : short description of the source, shown to the user.
     tracker : pose that maps the tracker's coordinates to those of the scene; by default, the
         identity.
-    world : ``World`` with the objects and foci that applications change by their messages; ``run``
+    world : ``World`` with the objects and foci that applications change with messages; ``run``
         reads them from it. Empty by default.
 
     Attributes

@@ -40,7 +40,7 @@ class HandPose:
         return weights[weights > 0.0] / weights.max()
 
     def rows(self, board: PhasedArray) -> FociRows:
-        """Return the transfer matrix of a board, each row divided by the weight of its focus.
+        """Return the transfer matrix of a board, with each row divided by the weight of its focus.
 
         Rows of foci with weight 0 are omitted.
         """

@@ -65,7 +65,7 @@ class Bones:
     def motions_to(
         self, now: "Bones"
     ) -> tuple[Float64[np.ndarray, "hulls 3 3"], Float64[np.ndarray, "hulls 3"]]:
-        """Return the rotations and translations [m] of all bones to a new pose.
+        """Return the rotations and translations [m] that move all bones to a new pose.
 
         A point x of a bone moves to x @ rotation + translation.
         """
@@ -432,7 +432,7 @@ def _sources_on(mask: Bool[np.ndarray, "panels"]) -> Bool[np.ndarray, "sources"]
 
 
 class BendingHand:
-    """Solver for scattering by a whole hand in successive poses; it moves solutions to other poses.
+    """Solver that computes the scattering by a whole hand and adapts solutions to new poses.
 
     ``solved`` and ``carried`` may run in two different threads.
 
