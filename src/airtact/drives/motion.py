@@ -56,7 +56,7 @@ class Motion:
         case of a line [Hz]. The default is 50 Hz for "lm"; for "stm" it is the frequency at which
         the focus moves at 7 m/s.
     frames : number of positions on a path around a focus, 4 to 1024; the default is 16.
-    along : "skin" for a path that keeps the focus's distance from the nearest
+    along : "skin" for a path at the focus's constant distance from the nearest
         surface, or "array" for a path in the plane through the focus that is
         perpendicular to the line from the focus to the array's middle. The
         default is "skin" if a surface is within 20 mm, and "array" otherwise.

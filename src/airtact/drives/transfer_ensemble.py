@@ -64,8 +64,9 @@ class TransferEnsemble(TransferMatrix):
 
     Attributes
     ----------
+    matrix : (F, E) nominal matrix [Pa]; it and further attributes are those of ``TransferMatrix``.
     geometry : (S, F, E) transfer matrices of the samples of the hand and the air, with nominal
-        gains of the elements [Pa]. ``matrices`` includes the sampled gains.
+        gains of the elements [Pa]. ``matrices`` is the product of ``geometry`` and ``gains``.
     gains : (S, E) complex factor by which each element's nominal gain is multiplied in each sample,
         or None if all factors are 1.
     uncertainty : the distributions from which the samples were drawn.

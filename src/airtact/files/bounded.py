@@ -99,9 +99,9 @@ def datasets_of(
     path : the file.
     layout : mapping from the name of each value to its kind and axes, such as
         ``{"drives/time": "real drives"}``. Names of attributes begin with ``@``, and kinds of
-        optional values with ``optional``. Kinds are real (float64), complex, whole (int64) and
-        text. An axis is a number, a name or ``*``. A name stands for the same length everywhere,
-        and ``*`` for any length. An axis in brackets is optional.
+        optional values with ``optional``. Kinds are ``real`` (float64), ``complex``,
+        ``whole`` (int64) and ``text``. An axis is a number, a name or ``*``. A name stands for the
+        same length everywhere, and ``*`` for any length. An axis in brackets is optional.
     newest : newest ``format_version`` that can be read.
     largest : largest size of the file, and of its unpacked arrays [bytes].
 

@@ -65,7 +65,8 @@ class TextTable:
     def order(self, name: str) -> Int64[np.ndarray, "rows"]:
         """Return the order of the rows according to a column that numbers them from 0.
 
-        The method raises ``InvalidInput`` unless the column contains each number once.
+        The method raises ``InvalidInput`` unless the column contains every number from 0 to N − 1
+        once, where N is the number of rows.
         """
         numbers = self.numbers(name)
         order = np.argsort(numbers, kind="stable")

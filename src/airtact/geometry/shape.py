@@ -43,7 +43,7 @@ class Shape(ABC):
     @property
     @abstractmethod
     def extent(self) -> float:
-        """Length [m] of an exact shape, or longest side of a mesh's original bounding box."""
+        """Largest dimension [m] of an exact shape, or longest side of a mesh's bounding box."""
 
     @property
     @abstractmethod

@@ -302,8 +302,8 @@ def _check_midpoints(midpoints: np.ndarray, corners: EdgeVectors, twins: Twins) 
         triangle, edge = np.unravel_index(bulge.argmax(), bulge.shape)
         raise InvalidInput(
             f"a midpoint of triangle {triangle} lies {away[triangle, edge] * 1e3:.3g} mm from the "
-            f"middle of its edge, {bulge.max():.3g} of the edge's length (limit 0.5). Use smaller "
-            "triangles.",
+            f"middle of its straight edge, which is {bulge.max():.3g} times the edge's length (at "
+            "most 0.5 is allowed). Use smaller triangles.",
             midpoints[triangle, edge],
             code="mesh_faulty",
         )

@@ -53,11 +53,11 @@ class Echoes:
         elements emit together; a magnitude of 1 is full scale. Gains of the elements are not
         included.
     pressures : (R, M) mean pressure over the face of each of R receivers in each transmission,
-        times the receiver's gain [Pa]; the phasor is Re[p e^{−iωt}].
+        times the receiver's gain [Pa]; a phasor p is the pressure Re[p e^{−iωt}].
     receivers : (R,) indices of the receiving elements, in the order of the rows of ``pressures``.
         None selects all E in order; the attribute then contains their indices.
     frequency : frequency of the sound [Hz], 1 kHz to 1 MHz.
-    noise : rms magnitude of the complex noise of each pressure [Pa], above zero, as measured
+    noise : positive rms magnitude of the complex noise in each pressure [Pa], as measured
         without a transmission; None if unknown.
     valid : (R, M) whether each pressure was received; None if all were received. An element cannot
         receive while it still rings after its own emission. Invalid pressures are stored as 0.

@@ -101,7 +101,7 @@ def facing(
 
 
 def boards_of(array: PhasedArray, count: int | None = None) -> list[PhasedArray]:
-    """Split an array into ``count`` equal boards; the default follows from the kind of the boards.
+    """Split an array into ``count`` equal boards, by default as many as its kind of board implies.
 
     Raises
     ------

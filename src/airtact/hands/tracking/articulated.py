@@ -206,7 +206,8 @@ class ArticulatedHand:
         seen : (N,) indices of the measured joints.
         noise : standard deviation of the independent error of each coordinate [m].
         common : standard deviation of the error common to all joints [m].
-        agility : smallest standard deviation of the acceleration of the palm [m/s²].
+        agility : smallest standard deviation that the filter assumes for the palm's acceleration
+            [m/s²].
         """
         slopes = self._slopes()[seen].reshape(-1, COUNT)
         surprise = (landmarks - self.joints[seen]).ravel()

@@ -256,7 +256,7 @@ class RestingFingertip:
     def take(self, frame: HandFrame) -> Float64[np.ndarray, "3"] | None:
         """Process a frame, and return the mean position (3,) [m] of the tip after a second of rest.
 
-        Before the tip has rested for a second, the result is None. The next rest is accepted only
+        The result is None until the tip has rested for a second. The next rest is accepted only
         after the tip has moved by 30 mm.
         """
         if frame.landmarks is None:

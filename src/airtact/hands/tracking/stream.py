@@ -60,7 +60,7 @@ class StreamHealth:
     out_of_order : number of frames whose frame number is lower than that of an earlier frame.
     backwards : number of frames whose frame number is higher than that of the previous frame, but
         whose time is not later.
-    time_leap : number of frames whose time is ahead of the tracker's clock.
+    time_leap : number of frames whose time is ahead of this computer's clock.
     too_fast : number of frames in which the hand moved faster than 3 m/s.
     second_tracker : number of frames of a hand that is already received from another connection.
     skipped : number of missing frames, counted from gaps in the frame numbers.

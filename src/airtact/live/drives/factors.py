@@ -179,7 +179,7 @@ def factors_of(
 
 
 class RigidParts:
-    """The last phalanges that carry the foci of a scene, as rigid bodies that are factorised once.
+    """Rigid last phalanges on which the foci of a scene lie; their matrix is factorised once.
 
     Solving a new pose takes about a fifth of the time that ``solved`` takes. The bodies keep
     their size, although the bone lengths reported by a tracker vary from frame to frame. All foci

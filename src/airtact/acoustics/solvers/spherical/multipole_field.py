@@ -161,10 +161,11 @@ class MultipoleField(RadiatedField):
 def multipole_expansion(field: RadiatedField, *, progress: Progress | None = None) -> RadiatedField:
     """Expand the scattered part of a field in outgoing waves, for bodies that move rigidly.
 
-    The field is solved once, for beacons (sources at the foci) that move together with the bodies.
-    Each motion of the bodies then only moves the array in their frame (``PhasedArray.seen_from``),
-    and the expanded field is evaluated at the elements. The time for an evaluation does not depend
-    on the number of unknowns: the transfer matrix of 996 elements takes about 2 ms. Within a
+    Use it to update the transfer matrix of moving bodies quickly: solve the field once, for beacons
+    (sources at the foci) that move with the bodies, and expand it. By reciprocity, its values at
+    the array's elements are the transfer matrix. When the bodies move, move the array in their
+    frame instead (``PhasedArray.seen_from``), and evaluate the expanded field again. The time for
+    this does not depend on the number of unknowns: 996 elements take about 2 ms. Within a
     wavelength of the smallest ball around the bodies, the original field is evaluated instead. In
     front of a fixed plane, a solve remains valid for all motions that map the plane onto itself
     (``Plane.kept_by``).
