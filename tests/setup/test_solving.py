@@ -168,3 +168,16 @@ def test_unknowns_of_small_bodies_are_counted_and_of_large_ones_estimated(radius
         estimate = solver.nodes_per_square_wavelength * area / scene.wavelength**2
         assert estimate > 50_000
         assert unknowns == pytest.approx(estimate, rel=1e-3)
+
+
+def test_a_filled_sphere_solved_by_the_series_is_verified_by_it() -> None:
+    ball = at.filled(at.sphere(radius=3e-3, edge=1.5e-3), at.Medium(1500.0, 1000.0))
+    setup = at.Setup(
+        at.Scene(at.air(), [ball]),
+        at.autd3_board(at.Pose.shift((0.0, 0.0, -0.15))),
+        at.Target(np.array([[0.0, 0.0, -4e-3]])),
+        solver=at.SphereSeries(),
+    )
+    rendering = at.render(setup)
+    computed = rendering.transfer.matrix @ rendering.drive.amplitudes
+    assert rendering.pressures == pytest.approx(np.abs(computed), rel=1e-6)

@@ -228,7 +228,8 @@ def verification_solver(setup: Setup) -> Solver:
     """Return a solver for verifying the drive that is more accurate than the setup's.
 
     If a body is filled with a fluid and the setup's solver is ``FiniteElement``, it is the same
-    solver with the next higher order. For all other scenes with bodies, it is ``BoundaryElement``
+    solver with the next higher order. If the setup's solver is ``SphereSeries``, which is exact,
+    it verifies a filled sphere too. For all other scenes with bodies, it is ``BoundaryElement``
     with at least 1.8 times as many unknowns as ``setup.accuracy`` requires, up to about 19,000
     unknowns; its report contains a warning if the estimated error exceeds ``setup.accuracy``. For
     open air, it is ``FreeField``, which is exact.
@@ -239,7 +240,7 @@ def verification_solver(setup: Setup) -> Solver:
 
     Returns
     -------
-    A ``FreeField``, ``FiniteElement`` or ``BoundaryElement`` solver.
+    A ``FreeField``, ``FiniteElement``, ``SphereSeries`` or ``BoundaryElement`` solver.
 
     Raises
     ------
@@ -251,6 +252,8 @@ def verification_solver(setup: Setup) -> Solver:
     filled = any(obstacle.boundary == "filled" for obstacle in setup.scene.obstacles)
     if filled and isinstance(setup.solver, at.FiniteElement):
         return replace(setup.solver, order=setup.solver.order + 1)
+    if filled and isinstance(setup.solver, at.SphereSeries):
+        return setup.solver
     return BoundaryElement(accuracy=_verification_accuracy(setup), enough=setup.accuracy)
 
 
