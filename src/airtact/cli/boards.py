@@ -31,11 +31,10 @@ def boards() -> None:
         from airtact.emission.serial_link import serial_ports
 
         ports = list(serial_ports())
+        words = ", ".join(ports) or "none"
     except ImportError:
         ports = None
-    words = "unknown without pyserial: run pip install 'airtact[serial]'"
-    if ports is not None:
-        words = ", ".join(ports) or "none"
+        words = "unknown without pyserial: run pip install 'airtact[serial]'"
     show(
         table,
         lines=[*links, f"Serial ports: {words}"],

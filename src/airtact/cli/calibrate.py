@@ -1,16 +1,13 @@
 """``airtact calibrate``: calibrate boards, gains and sound speed, or the sensitivity from scans."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 import airtact as at
 from airtact.cli.console import facts_table, progress, show
 from airtact.cli.options import FILE, INPUT, as_json, given, microphone_face, quiet
-
-if TYPE_CHECKING:
-    from airtact.sensing import Calibrated
 
 
 @click.command(
@@ -114,8 +111,7 @@ def calibrate(
             "--element, --drive, --diameter and --axis only apply to scans: set --scan.",
             code="options_clash",
         )
-    with progress() as report_step:
-        report_step(f"reading {scene.name}")
+    with progress(f"reading {scene.name}") as report_step:
         from airtact.files.atomic import writable_folder
         from airtact.setup.sensing import calibrate_array
 
@@ -125,14 +121,27 @@ def calibrate(
             setup, echoes, noise if simulate else None, seed, report_step
         )
         calibrated.save(out)
-    speed = f"sound_speed = {calibrated.sound_speed:.2f} in [medium]"
     show(
         facts_table(_facts(calibrated, error)),
         lines=[
             f"Calibration: {out}",
-            f'In the scene file: {speed}, calibration = "{out.name}" in [array].',
+            f"In the scene file: sound_speed = {calibrated.sound_speed:.2f} in [medium], "
+            f'calibration = "{out.name}" in [array].',
         ],
-        record={**_record(calibrated, error), "files": {"calibration.csv": str(out)}},
+        record={
+            "sound_speed": calibrated.sound_speed,
+            "boards": [
+                {"rotation": pose.rotation.tolist(), "translation": pose.translation.tolist()}
+                for pose in calibrated.motions
+            ],
+            "covariance": calibrated.covariance.tolist(),
+            "gain_deviation": calibrated.gain_deviation,
+            "residual": calibrated.residual,
+            "misfit": calibrated.misfit,
+            "dead": calibrated.dead.tolist(),
+            "error": None if error is None else list(error),
+            "files": {"calibration.csv": str(out)},
+        },
     )
 
 
@@ -144,8 +153,7 @@ def _from_scans(
     microphone: dict[str, Any],
     out: Path,
 ) -> None:
-    with progress() as report_step:
-        report_step(f"reading {scene.name}")
+    with progress(f"reading {scene.name}") as report_step:
         import numpy as np
 
         from airtact.files.atomic import writable_folder
@@ -209,7 +217,9 @@ def _from_scans(
     )
 
 
-def _facts(calibrated: "Calibrated", error: tuple[float, float] | None) -> list[tuple[str, str]]:
+def _facts(
+    calibrated: "at.sensing.Calibrated", error: tuple[float, float] | None
+) -> list[tuple[str, str]]:
     import numpy as np
 
     position, turn, speed = calibrated.deviation
@@ -248,19 +258,3 @@ def _facts(calibrated: "Calibrated", error: tuple[float, float] | None) -> list[
             )
         )
     return facts
-
-
-def _record(calibrated: "Calibrated", error: tuple[float, float] | None) -> dict[str, Any]:
-    return {
-        "sound_speed": calibrated.sound_speed,
-        "boards": [
-            {"rotation": pose.rotation.tolist(), "translation": pose.translation.tolist()}
-            for pose in calibrated.motions
-        ],
-        "covariance": calibrated.covariance.tolist(),
-        "gain_deviation": calibrated.gain_deviation,
-        "residual": calibrated.residual,
-        "misfit": calibrated.misfit,
-        "dead": calibrated.dead.tolist(),
-        "error": None if error is None else list(error),
-    }

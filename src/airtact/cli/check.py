@@ -3,10 +3,11 @@
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 from rich.markup import escape
+from rich.table import Table
 
 import airtact as at
 from airtact.cli.console import (
@@ -27,13 +28,6 @@ from airtact.cli.options import (
     surface_settings,
 )
 from airtact.timing import Progress
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from airtact.acoustics.scene import Scene
-    from airtact.geometry.surface import Surface
-    from airtact.setup.setup import Setup
 
 
 @click.command(
@@ -75,7 +69,7 @@ def check(scene: Path, folder: Path | None, **settings: Any) -> None:
 
 
 # Tables, warnings and the record for ``--json``
-Shown = tuple[list["Table"], tuple[str, ...], dict[str, Any]]
+Shown = tuple[list[Table], tuple[str, ...], dict[str, Any]]
 
 
 def _check_scene(path: Path, folder: Path | None, report_step: Progress) -> Shown:
@@ -124,11 +118,13 @@ def _check_surface(
     distant = surface.vertices.min(axis=0)[None] - 1.0
     pieces = counted(int(shells(surface.triangles).max()) + 1, "closed piece", "closed pieces")
     extent = " x ".join(f"{1e3 * side:.4g}" for side in np.ptp(surface.vertices, axis=0))
-    waves = surface.area / scene.wavelength**2
     facts = [
         ("accepted", f"{path.name}: {len(surface.triangles):,} triangles, {pieces}"),
         ("extent", f"{extent} mm along x, y, z"),
-        ("area", f"{1e4 * surface.area:.4g} cm² = {waves:.3g} λ² at 40 kHz"),
+        (
+            "area",
+            f"{1e4 * surface.area:.4g} cm² = {surface.area / scene.wavelength**2:.3g} λ² at 40 kHz",
+        ),
         ("volume", f"{1e6 * surface.volume:.4g} cm³"),
         ("sharp edges", sharp_edges_in_words(surface)),
     ]
@@ -147,7 +143,7 @@ def _check_surface(
 
 
 def _draw_bodies(
-    folder: Path, scene: "Scene", names: Any, foci: Any, report_step: Progress
+    folder: Path, scene: "at.Scene", names: Any, foci: Any, report_step: Progress
 ) -> None:
     from airtact.files.atomic import writable_folder
     from airtact.reports.body_figure import draw_bodies
@@ -159,23 +155,24 @@ def _draw_bodies(
     write_picture(picture, draw_bodies(surfaces, names, foci, scene.planes))
 
 
-def _scene_record(setup: "Setup", unknowns: int | None) -> dict[str, Any]:
+def _scene_record(setup: "at.Setup", unknowns: int | None) -> dict[str, Any]:
     target = setup.target
     requested = [None] * len(setup.foci) if target.pressures is None else target.pressures.tolist()
-    rows = zip(
-        setup.foci,
-        target.points.tolist(),
-        requested,
-        (-setup.scene.depth(target.points)).tolist(),
-        strict=True,
-    )
-    keys = ("name", "position", "asked", "off_the_surface")
+    distances = -setup.scene.depth(target.points)
     return {
         "bodies": [
             {"name": name, "boundary": obstacle.boundary, **_size(obstacle.surface)}
             for name, obstacle in zip(setup.bodies, setup.scene.obstacles, strict=True)
         ],
-        "foci": [dict(zip(keys, row, strict=True)) for row in rows],
+        "foci": [
+            {
+                "name": name,
+                "position": target.points[index].tolist(),
+                "asked": requested[index],
+                "off_the_surface": float(distances[index]),
+            }
+            for index, name in enumerate(setup.foci)
+        ],
         "planes": [
             {"point": plane.point.tolist(), "normal": plane.normal.tolist()}
             for plane in setup.scene.planes
@@ -190,7 +187,7 @@ def _scene_record(setup: "Setup", unknowns: int | None) -> dict[str, Any]:
     }
 
 
-def _size(surface: "Surface") -> dict[str, Any]:
+def _size(surface: "at.Surface") -> dict[str, Any]:
     return {
         "triangles": len(surface.triangles),
         "area": surface.area,
@@ -199,18 +196,22 @@ def _size(surface: "Surface") -> dict[str, Any]:
     }
 
 
-def _scene_tables(setup: "Setup", unknowns: int | None) -> "Iterator[Table]":
+def _scene_tables(setup: "at.Setup", unknowns: int | None) -> Iterator[Table]:
     from airtact.errors import in_mm, millimetres
 
     scene = setup.scene
-    wavelength = scene.wavelength
     named = dict(zip(setup.bodies, scene.obstacles, strict=True))
     if named:
         bodies = plain_table("bodies", "boundary", "triangles", "area")
         for name, obstacle in named.items():
             surface = obstacle.surface
-            area = f"{1e4 * surface.area:.1f} cm² = {surface.area / wavelength**2:.0f} λ²"
-            bodies.add_row(escape(name), obstacle.kind, f"{len(surface.triangles):,}", area)
+            waves = surface.area / scene.wavelength**2
+            bodies.add_row(
+                escape(name),
+                obstacle.kind,
+                f"{len(surface.triangles):,}",
+                f"{1e4 * surface.area:.1f} cm² = {waves:.0f} λ²",
+            )
         yield bodies
     for name, obstacle in named.items():
         if obstacle.surface.repairs:
@@ -245,12 +246,16 @@ def _scene_tables(setup: "Setup", unknowns: int | None) -> "Iterator[Table]":
         facts.append(("virtual objects", ", ".join(item.name for item in setup.objects)))
     for plane in scene.planes:
         height = 1e3 * plane.height(setup.target.points).min()
-        words = f"through {in_mm(plane.point)}, {height:.3g} mm from the nearest focus"
-        facts.append(("rigid plane", words))
+        facts.append(
+            (
+                "rigid plane",
+                f"through {in_mm(plane.point)}, {height:.3g} mm from the nearest focus",
+            )
+        )
     if len(setup.target.suppression_points):
         facts.append(("suppression points", f"{len(setup.target.suppression_points)}"))
     facts += [
-        ("wavelength", f"{1e3 * wavelength:.2f} mm at {scene.frequency / 1e3:g} kHz"),
+        ("wavelength", f"{1e3 * scene.wavelength:.2f} mm at {scene.frequency / 1e3:g} kHz"),
         ("drive", f"{setup.method.replace('_', ' ')}, accuracy {setup.accuracy:g}"),
     ]
     if unknowns is not None:

@@ -1,17 +1,13 @@
 """``airtact compare``: compare drives from all methods or from other programs for a scene."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import click
+from rich.table import Table
 
+import airtact as at
 from airtact.cli.console import open_page, plain_table, progress, show
 from airtact.cli.options import INPUT, as_json, open_result, pictures, quiet, results, scene, store
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from airtact.setup.comparing import MethodComparison
 
 
 @click.command(
@@ -53,9 +49,7 @@ def compare(
     bound on its pressure. Supported files: .h5; .csv or .txt with phases; .csv and .holo from
     AcousTools; .xml from Ultraino; .npy; .bin with messages to boards.
     """
-    with progress() as report_step:
-        report_step(f"reading {scene.name}")
-        import airtact as at
+    with progress(f"reading {scene.name}") as report_step:
         from airtact.emission.frame_file import drive_for
         from airtact.files.atomic import writable_folder
 
@@ -72,33 +66,30 @@ def compare(
         _table(result),
         warnings=result.warnings,
         lines=[f"{'Report' if pictures else 'Methods'}: {written[-1]}"],
-        record={**_record(result), "files": {file.name: str(file) for file in written}},
+        record={
+            "foci": list(result.setup.foci),
+            "default": result.default,
+            "methods": [
+                {
+                    "name": contender.name,
+                    "pressures": contender.pressures.tolist(),
+                    "of_the_bound": float(result.of_the_bound(contender)),
+                    "seconds": contender.seconds,
+                    "kept": contender.kept,
+                    "suppression_level": contender.suppression_level,
+                }
+                for contender in result.ranked
+            ],
+            "bound": result.bound,
+            "estimated_error": result.report.estimated_error,
+            "files": {file.name: str(file) for file in written},
+        },
     )
     if opened:
         open_page(written[-1])
 
 
-def _record(result: "MethodComparison") -> dict[str, Any]:
-    return {
-        "foci": list(result.setup.foci),
-        "default": result.default,
-        "methods": [
-            {
-                "name": contender.name,
-                "pressures": contender.pressures.tolist(),
-                "of_the_bound": float(result.of_the_bound(contender)),
-                "seconds": contender.seconds,
-                "kept": contender.kept,
-                "suppression_level": contender.suppression_level,
-            }
-            for contender in result.ranked
-        ],
-        "bound": result.bound,
-        "estimated_error": result.report.estimated_error,
-    }
-
-
-def _table(result: "MethodComparison") -> "Table":
+def _table(result: "at.MethodComparison") -> Table:
     from airtact.timing import duration
 
     uncertain = result.contenders[0].kept is not None

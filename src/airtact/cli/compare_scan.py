@@ -35,8 +35,7 @@ def compare_scan(scan: Path, scene: Path, folder: Path, pictures: bool, **microp
     unit) and, if measured, phase (radians). The prediction is for the drive of SCENE, rounded to
     the levels of the boards. The command writes overlay.csv and overlay.png.
     """
-    with progress() as report_step:
-        report_step(f"reading {scan.name} and {scene.name}")
+    with progress(f"reading {scan.name} and {scene.name}") as report_step:
         import numpy as np
 
         from airtact.errors import about
@@ -70,7 +69,6 @@ def compare_scan(scan: Path, scene: Path, folder: Path, pictures: bool, **microp
                     f"{millimetres} mm along x, y and z: check its origin."
                 )
         files = [folder / "overlay.csv"]
-        columns = (measured.points, measured.pressures, overlay.scale * overlay.predicted)
         with (
             whole_file(files[0]) as partial,
             partial.open("w", newline="", encoding="utf-8") as stream,
@@ -79,12 +77,14 @@ def compare_scan(scan: Path, scene: Path, folder: Path, pictures: bool, **microp
             writer.writerow(
                 ["x", "y", "z", "measured", "measured_phase", "predicted", "predicted_phase"]
             )
-            for point, at_point, expected in zip(*columns, strict=True):
+            for point, pressure, expected in zip(
+                measured.points, measured.pressures, overlay.scale * overlay.predicted, strict=True
+            ):
                 writer.writerow(
                     [
                         *(f"{number:.9g}" for number in point),
-                        f"{np.abs(at_point):.6g}",
-                        f"{np.angle(at_point):.6g}" if measured.phased else "",
+                        f"{np.abs(pressure):.6g}",
+                        f"{np.angle(pressure):.6g}" if measured.phased else "",
                         f"{np.abs(expected):.6g}",
                         f"{np.angle(expected):.6g}",
                     ]
@@ -96,9 +96,10 @@ def compare_scan(scan: Path, scene: Path, folder: Path, pictures: bool, **microp
             files.append(folder / "overlay.png")
             write_picture(files[1], draw_overlay(overlay))
     report = field.report
-    phased = measured.phased
-    quantity = "complex pressures" if phased else "magnitudes, because no phase was measured"
-    turn = f" at {np.degrees(np.angle(overlay.scale)):.1f}°" if phased else ""
+    quantity = (
+        "complex pressures" if measured.phased else "magnitudes, because no phase was measured"
+    )
+    turn = f" at {np.degrees(np.angle(overlay.scale)):.1f}°" if measured.phased else ""
     facts = [
         (
             "relative error",
@@ -117,7 +118,7 @@ def compare_scan(scan: Path, scene: Path, folder: Path, pictures: bool, **microp
             "positions": len(overlay.used),
             "compared": int(overlay.used.sum()),
             "scale": [overlay.scale.real, overlay.scale.imag],
-            "phased": phased,
+            "phased": measured.phased,
             "estimated_error": report.estimated_error,
             "files": {file.name: str(file) for file in files},
         },

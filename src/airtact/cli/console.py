@@ -59,10 +59,11 @@ def wanted(key: str) -> bool:
 
 
 @contextmanager
-def progress() -> Iterator[Step]:
-    """Yield a function that shows each step as it begins; with ``--quiet``, nothing is shown.
+def progress(first: str | None = None) -> Iterator[Step]:
+    """Show a first step; yield a function that shows each further step as it begins.
 
     A terminal shows a live display with the time of each step; a pipe receives one line per step.
+    With ``--quiet``, nothing is shown.
     """
     console = Terminal(stderr=True)
     if wanted(QUIET):
@@ -71,7 +72,13 @@ def progress() -> Iterator[Step]:
     # In a log file, a live display would leave control characters.
     if not console.is_terminal:
         begun = time.perf_counter()
-        yield lambda step: say(f"{time.perf_counter() - begun:7.1f} s  {step}")
+
+        def line(step: str) -> None:
+            say(f"{time.perf_counter() - begun:7.1f} s  {step}")
+
+        if first is not None:
+            line(first)
+        yield line
         return
     columns = (
         SpinnerColumn(finished_text="[green]✓"),
@@ -88,6 +95,8 @@ def progress() -> Iterator[Step]:
             finish()
             steps.add_task(escape(step), total=1)
 
+        if first is not None:
+            begin(first)
         yield begin
         finish()
 
@@ -199,9 +208,10 @@ def sharp_edges_in_words(surface: "at.Surface") -> str:
     from airtact.reports.body_figure import sharp_edges
 
     sharp = sharp_edges(surface)
-    length = 1e3 * surface.edge_lengths[sharp].sum() / 2
-    count = int(sharp.sum()) // 2
-    if count == 0:
+    if not sharp.any():
         return f"none with an angle above {surface.sharp_degrees:g}°"
-    turn = f"angle above {surface.sharp_degrees:g}° or rim of a flat cap"
-    return f"{count:,} with a total length of {length:.4g} mm ({turn})"
+    length = 1e3 * surface.edge_lengths[sharp].sum() / 2
+    return (
+        f"{int(sharp.sum()) // 2:,} with a total length of {length:.4g} mm "
+        f"(angle above {surface.sharp_degrees:g}° or rim of a flat cap)"
+    )

@@ -88,9 +88,9 @@ def emit(
     notes = [NO_SAFETY_ASSESSMENT, *plan.notes()]
     if out is not None:
         count, rate = safe_emission.write(plan, out, seconds)
-        at_rate = "" if rate is None else f" at {rate:g} frames/s"
-        words = f"{counted(count, 'frame was', 'frames were')} written to {out}{at_rate}."
-        show(facts_table(plan.facts(link)), lines=[*notes, words])
+        words = f"{counted(count, 'frame was', 'frames were')} written to {out}"
+        at_rate = "." if rate is None else f" at {rate:g} frames/s."
+        show(facts_table(plan.facts(link)), lines=[*notes, words + at_rate])
         return
     to_boards = link_to(
         link, board, plan.poses, safe_emission.sound_speed_of(plan.stored), **settings
@@ -101,11 +101,11 @@ def emit(
         agreed(f"Emit for {seconds:g} s through {link} to {to_boards.devices}?")
     with progress() as report_step:
         played = safe_emission.emit(plan, to_boards, seconds, report_step, log)
-    if link == "serial" and board == "sonicsurface":
-        end = "sent. The last one silences the boards, which a SonicSurface cannot confirm."
-    else:
-        end = "sent. The last one silences the boards, which confirmed it."
-    lines = [f"{counted(to_boards.sent, 'message was', 'messages were')} {end}"]
+    unconfirmed = link == "serial" and board == "sonicsurface"
+    lines = [
+        f"{counted(to_boards.sent, 'message was', 'messages were')} sent. The last one silences "
+        f"the boards, which {'a SonicSurface cannot confirm' if unconfirmed else 'confirmed it'}."
+    ]
     if played is not None:
         kind = "sequence" if plan.modulation is None else "modulated drive"
         lines.append(

@@ -145,9 +145,10 @@ def _skin(
     triangles = posed.shape.panels(edge)
     lines = _write(triangles, file, draw_panels(triangles), report_step)
     places = {name: point for name, (point, _) in posed.places.items()}
-    facts = _facts(posed.side, posed.shape, triangles, places)
-    merged = [f"Note: {touch.note}." for touch in posed.touches]
-    return messages + facts, [*merged, *lines]
+    return (
+        messages + _facts(posed.side, posed.shape, triangles, places),
+        [*(f"Note: {touch.note}." for touch in posed.touches), *lines],
+    )
 
 
 def _fit(
@@ -187,7 +188,7 @@ def _fit(
     used = ~fitted.outliers
     usual = float(np.median(np.abs(distances[used])))
     joint_error = float(np.sqrt(np.mean(fitted.joint_errors**2)))
-    facts = [
+    return [
         *_facts(fitted.hand.side, shape, triangles, places),
         (
             "points used",
@@ -195,8 +196,7 @@ def _fit(
             f"{1e3 * usual:.1f} mm",
         ),
         ("standard deviation of the joints", f"{1e3 * joint_error:.1f} mm"),
-    ]
-    return facts, lines
+    ], lines
 
 
 def _write(

@@ -14,9 +14,6 @@ from airtact.cli.options import FILE, INPUT, Names, quiet
 if TYPE_CHECKING:
     import numpy as np
 
-    from airtact.hands.hand import Hand
-    from airtact.transducers.boards import Board
-
 # Named points of the hand that face the board
 PLACES = ("index.pad", "middle.pad", "palm")
 
@@ -57,10 +54,9 @@ def init(place: Path, board: str, hand: Path | None, right: bool) -> None:
         content = json.loads(pose.read_text("utf-8"))
         if right:
             content["positions_m"] = [[-x, y, z] for x, y, z in content["positions_m"]]
-        licence = pose.with_name("LICENSE-poses").read_text("utf-8")
         copied = {
             folder / "hand.json": json.dumps(content, indent=1) + "\n",
-            folder / "hand-LICENSE.txt": licence,
+            folder / "hand-LICENSE.txt": pose.with_name("LICENSE-poses").read_text("utf-8"),
         }
         positions, radii = (np.array(content[key]) for key in ("positions_m", "radii_m"))
         over = at.hand_from_joints(positions, radii)
@@ -96,7 +92,7 @@ def init(place: Path, board: str, hand: Path | None, right: bool) -> None:
     )
 
 
-def _scene_text(name: str, board: "Board", hand: "Hand", file: str) -> str:
+def _scene_text(name: str, board: "at.transducers.Board", hand: "at.Hand", file: str) -> str:
     from importlib import resources
     from string import Template
 
@@ -135,7 +131,7 @@ def _scene_text(name: str, board: "Board", hand: "Hand", file: str) -> str:
 
 
 def _over_board(
-    hand: "Hand", board: "Board", height: float
+    hand: "at.Hand", board: "at.transducers.Board", height: float
 ) -> "tuple[np.ndarray, float, np.ndarray]":
     """Return the axis, degrees and translation [m] that place the hand palm down above a board.
 
@@ -162,7 +158,7 @@ def _over_board(
     return axis, degrees, np.array([-x, -y, height - placed[:, 2].min()]).round(3)
 
 
-def _places_of(hand: "Hand", places: "list[str] | tuple[str, ...]") -> "list[np.ndarray]":
+def _places_of(hand: "at.Hand", places: "list[str] | tuple[str, ...]") -> "list[np.ndarray]":
     import numpy as np
 
     return [np.array([hand.places[place][part] for place in places]) for part in (0, 1)]

@@ -120,8 +120,7 @@ def live(
     """
     share = level_of(cap, full_scale)
     if session is not None:
-        with progress() as report_step:
-            report_step(f"reading {session}")
+        with progress(f"reading {session}") as report_step:
             recorded = at.live.read_session(session)
             verified = at.live.verify_session(recorded, report_step=report_step)
         table = plain_table("emitted at", "based on", "weakest focus", "of the attainable")
@@ -133,8 +132,12 @@ def live(
             # Drives with fewer foci than others are padded with NaN.
             pressures = [pressure for pressure in pressures if pressure == pressure]
             time = float(recorded.time_in_air[index] - start)
-            rule = recorded.rules[index]
-            table.add_row(f"{time:.2f} s", rule, f"{min(pressures):,.0f} Pa", f"{kept:.0%}")
+            table.add_row(
+                f"{time:.2f} s",
+                recorded.rules[index],
+                f"{min(pressures):,.0f} Pa",
+                f"{kept:.0%}",
+            )
             rows.append({"index": index, "time": time, "pressures": pressures, "kept": kept})
         show(table, record={"foci": list(recorded.scene.places), "verified": rows})
         return
@@ -143,8 +146,7 @@ def live(
             health = at.live.record(recording, source or "websocket", seconds, report_step)
         show(lines=[f"Messages: {health}", f"Recording: {recording}"])
         return
-    with progress() as report_step:
-        report_step("reading the scene")
+    with progress("reading the scene") as report_step:
         from airtact.drives.frame import check_cap
         from airtact.drives.head_level import MAX_HEAD_LEVEL, NO_SAFETY_ASSESSMENT
         from airtact.files.atomic import writable_folder

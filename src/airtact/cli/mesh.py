@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -16,9 +16,6 @@ from airtact.cli.console import (
     show,
 )
 from airtact.cli.options import FILE, INPUT, given, quiet, surface_settings
-
-if TYPE_CHECKING:
-    from airtact.geometry.surface import Surface
 
 
 @click.command(
@@ -93,11 +90,13 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: Any) -> None
     longest = 1e3 * float(longest_edges(triangles).max())
     # Larger deviations than λ/20 change the phase of the reflected sound.
     farthest = float(panels.farthest.max())
-    mean = _gap(panels.mean_distance.max())
     facts = [
         ("smallest angle", worst),
         ("edge", f"{1e3 * edge:.3g} mm requested, longest {longest:.3g} mm"),
-        ("distance from the triangles", f"{_gap(farthest)} at most, {mean} on average"),
+        (
+            "distance from the triangles",
+            f"{_gap(farthest)} at most, {_gap(panels.mean_distance.max())} on average",
+        ),
         ("distance from the curved surface", f"{_gap(panels.deviation.max())} at most"),
         ("sharp edges", sharp_edges_in_words(loaded)),
     ]
@@ -131,7 +130,7 @@ def usual_edge(wavelength: float) -> float:
     return wavelength * math.sqrt(6.0 / density * 4.0 / math.sqrt(3))
 
 
-def _checked_edge(edge: float, surface: "Surface") -> float:
+def _checked_edge(edge: float, surface: "at.Surface") -> float:
     from airtact.errors import positive
 
     edge = positive(edge, "edge", "m")

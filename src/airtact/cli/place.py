@@ -1,17 +1,14 @@
 """``airtact place``: search for board positions that maximise the pressure at the weakest focus."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Literal
 
 import click
+from rich.table import Table
 
+import airtact as at
 from airtact.cli.console import plain_table, progress, show
 from airtact.cli.options import INPUT, Names, as_json, quiet, results, scene
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from airtact.setup.placing import Placement
 
 # Two opposite corners of a box
 BOX = (float,) * 6
@@ -126,11 +123,9 @@ def place(
     lists the change of the pressure if a board of the best layout is moved by 1 cm or turned by 5
     degrees.
     """
-    with progress() as report_step:
-        report_step(f"reading {scene.name}")
+    with progress(f"reading {scene.name}") as report_step:
         import numpy as np
 
-        import airtact as at
         from airtact.setup.placing import hands_of
         from airtact.setup.sentences import all_at_once
 
@@ -164,43 +159,42 @@ def place(
         _moves_table(result),
         warnings=warnings,
         lines=[f"According to a finer solve, the best layout reaches {result.verified:,.0f} Pa."],
-        record={**_record(result, len(files)), "files": {file.name: str(file) for file in files}},
+        record={
+            "layouts": [
+                {
+                    "weakest": layout.weakest,
+                    "poses": [
+                        {
+                            "rotation": pose.rotation.tolist(),
+                            "translation": pose.translation.tolist(),
+                        }
+                        for pose in layout.poses
+                    ],
+                }
+                for layout in result.layouts[: len(files)]
+            ],
+            "tried": len(result.layouts),
+            "median": result.median,
+            "present": result.present,
+            "verified": result.verified,
+            "moves": result.moves.tolist(),
+            "files": {file.name: str(file) for file in files},
+        },
     )
 
 
-def _record(result: "Placement", count: int) -> dict[str, Any]:
-    return {
-        "layouts": [
-            {
-                "weakest": layout.weakest,
-                "poses": [
-                    {
-                        "rotation": pose.rotation.tolist(),
-                        "translation": pose.translation.tolist(),
-                    }
-                    for pose in layout.poses
-                ],
-            }
-            for layout in result.layouts[:count]
-        ],
-        "tried": len(result.layouts),
-        "median": result.median,
-        "present": result.present,
-        "verified": result.verified,
-        "moves": result.moves.tolist(),
-    }
-
-
-def _layouts_table(result: "Placement", files: tuple[Path, ...]) -> "Table":
+def _layouts_table(result: "at.setup.Placement", files: tuple[Path, ...]) -> Table:
     table = plain_table("layout", "transducers", "weakest focus", "relative to the present array")
     table.title = "Pressure at the weakest focus at full scale, over all poses of the hand"
-    present = len(result.setup.array)
+    layouts = result.layouts
     rows = [
-        (file.stem, len(layout.array), layout.weakest)
-        for file, layout in zip(files, result.layouts, strict=False)
+        *(
+            (file.stem, len(layout.array), layout.weakest)
+            for file, layout in zip(files, layouts, strict=False)
+        ),
+        (f"median of {len(layouts):,}", len(layouts[0].array), result.median),
+        ("present", len(result.setup.array), result.present),
     ]
-    rows.append((f"median of {len(result.layouts):,}", rows[0][1], result.median))
-    rows.append(("present", present, result.present))
     for name, transducers, weakest in rows:
         share = weakest / result.present
         # The present array may leave no room for some poses of the hand.
@@ -209,7 +203,7 @@ def _layouts_table(result: "Placement", files: tuple[Path, ...]) -> "Table":
     return table
 
 
-def _moves_table(result: "Placement") -> "Table":
+def _moves_table(result: "at.setup.Placement") -> Table:
     table = plain_table("board", "1 cm in x", "y", "z", "5° about x", "y", "z")
     table.title = "Change in pressure if one board of layout 1 is moved or turned"
     for index, changes in enumerate(result.moves):

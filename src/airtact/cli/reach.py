@@ -1,17 +1,13 @@
 """``airtact reach``: map the largest pressure that the array can produce on the skin."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
+from rich.table import Table
 
+import airtact as at
 from airtact.cli.console import open_page, plain_table, progress, show
 from airtact.cli.options import as_json, open_result, pictures, quiet, results, scene
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from airtact.setup.reaching import ReachMap
 
 
 @click.command(
@@ -45,9 +41,7 @@ def reach(
     pressure at each point of the skin is produced by all transducers at full scale and in phase at
     this point, and includes scattering by the bodies. No drive produces more pressure there.
     """
-    with progress() as report_step:
-        report_step(f"reading {scene.name}")
-        import airtact as at
+    with progress(f"reading {scene.name}") as report_step:
         from airtact.files.atomic import writable_folder
 
         setup = at.read_scene(scene)
@@ -76,7 +70,7 @@ def reach(
         open_page(written[-1])
 
 
-def _table(result: "ReachMap") -> "Table":
+def _table(result: "at.setup.ReachMap") -> Table:
     table = plain_table("part", "points", "weakest", "strongest", "x", "y", "z")
     table.title = f"Largest pressure at {len(result.bounds):,} points of the skin"
     table.caption = "x, y and z are the coordinates of the strongest point of each part."

@@ -75,8 +75,7 @@ def register(
     after the fit, and the standard deviations of the pose. Add the table to the scene file with
     --write.
     """
-    with progress() as report_step:
-        report_step(f"reading {scene.name}")
+    with progress(f"reading {scene.name}"):
         from airtact.live.registering import elements_to_touch, register_tracker, with_tracker
 
         setup = at.read_scene(scene)

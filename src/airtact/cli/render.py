@@ -4,18 +4,15 @@ from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 from rich.markup import escape
+from rich.table import Table
 
+import airtact as at
 from airtact.cli.console import open_page, plain_table, progress, show
 from airtact.cli.options import Names, as_json, open_result, pictures, quiet, results, scene, store
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from airtact.setup.rendering import Rendering
 
 # Files of a rendering: the sequence is only for moving foci, the last two only with pictures
 FILES = ("drive.csv", "drive.h5", "sequence.h5", "field.vtkhdf", "report.html")
@@ -50,9 +47,7 @@ def render(
     --no-pictures, only the drive is written. Drives for moving foci
     ([drive.modulation]) are written to sequence.h5.
     """
-    with progress() as report_step:
-        report_step(f"reading {scene.name}")
-        import airtact as at
+    with progress(f"reading {scene.name}") as report_step:
         from airtact.files.atomic import writable_folder
         from airtact.setup.rendering import compute, save_files, verify
         from airtact.timing import Clock
@@ -91,21 +86,24 @@ def render(
             if unverified and fault.code != "not_writable":
                 _remove_older(folder, files)
             raise type(fault)(f"{fault}{unverified}", code=fault.code) from fault
-    written = {file.name: str(file) for file in files}
-    last = folder / ("report.html" if pictures else "drive.h5")
+    lines = list(result.sensation)
+    if result.sequence is not None:
+        sequence = result.sequence.sequence
+        lines.append(
+            f"Sequence: {folder / 'sequence.h5'}, {len(sequence)} frames at "
+            f"{sequence.rate:,.0f} frames/s, {sequence.rate / len(sequence):.3g} cycles/s"
+        )
+    report = folder / "report.html"
+    lines.append(f"Report: {report}" if pictures else f"Drive: {folder / 'drive.h5'}")
     show(
         _table(result),
         first=[result.headline, *result.remarks],
         warnings=result.warnings,
-        lines=[
-            *result.sensation,
-            *_moving(result, folder / FILES[2]),
-            f"Report: {last}" if pictures else f"Drive: {last}",
-        ],
-        record={**_record(result), "files": written},
+        lines=lines,
+        record={**_record(result), "files": {file.name: str(file) for file in files}},
     )
     if opened:
-        open_page(folder / "report.html")
+        open_page(report)
 
 
 def _remove_older(folder: Path, files: list[Path]) -> None:
@@ -114,48 +112,33 @@ def _remove_older(folder: Path, files: list[Path]) -> None:
         (folder / name).unlink(missing_ok=True)
 
 
-def _moving(result: "Rendering", file: Path) -> list[str]:
-    if result.sequence is None:
-        return []
-    sequence = result.sequence.sequence
-    turns = sequence.rate / len(sequence)
-    return [
-        f"Sequence: {file}, {len(sequence)} frames at {sequence.rate:,.0f} frames/s, {turns:.3g} "
-        "cycles/s"
-    ]
-
-
-def _record(result: "Rendering") -> dict[str, Any]:
+def _record(result: "at.Rendering") -> dict[str, Any]:
     setup = result.setup
     requested = setup.target.pressures
-    goals = [None] * len(setup.foci) if requested is None else requested.tolist()
-    evaluation = result.evaluation
-    foci = [
-        {
-            "name": setup.foci[index],
-            "position": point.tolist(),
-            "pressure": float(result.pressures[index]),
-            "asked": goals[index],
-            "expected": float(evaluation.expected[index]),
-            "second_harmonic": float(evaluation.second_harmonic[index]),
-        }
-        for index, point in enumerate(setup.target.points)
-    ]
-    contacts = []
-    if setup.contacts is not None:
-        touch = setup.contacts
-        contacts = [
-            {"place": place, "object": name, "depth": float(depth), "position": point.tolist()}
-            for place, name, depth, point in zip(
-                touch.places, touch.objects, touch.depths, touch.points, strict=True
-            )
-        ]
+    touch = setup.contacts
     return {
         "method": result.method,
         "headline": result.headline,
         "remarks": list(result.remarks),
-        "foci": foci,
-        "contacts": contacts,
+        "foci": [
+            {
+                "name": setup.foci[index],
+                "position": point.tolist(),
+                "pressure": float(result.pressures[index]),
+                "asked": None if requested is None else float(requested[index]),
+                "expected": float(result.evaluation.expected[index]),
+                "second_harmonic": float(result.evaluation.second_harmonic[index]),
+            }
+            for index, point in enumerate(setup.target.points)
+        ],
+        "contacts": []
+        if touch is None
+        else [
+            {"place": place, "object": name, "depth": float(depth), "position": point.tolist()}
+            for place, name, depth, point in zip(
+                touch.places, touch.objects, touch.depths, touch.points, strict=True
+            )
+        ],
         "traps": [
             {
                 "point": verdict.point.tolist(),
@@ -178,7 +161,7 @@ def _record(result: "Rendering") -> dict[str, Any]:
     }
 
 
-def _table(result: "Rendering") -> "Table":
+def _table(result: "at.Rendering") -> Table:
     requested = result.setup.target.pressures
     columns = {"pressure": result.pressures}
     if requested is not None:

@@ -17,8 +17,7 @@ def selfcheck() -> None:
 
     This takes about 10 s. The exit code is 1 if an error exceeds 1 %.
     """
-    with progress() as report_step:
-        report_step("starting")
+    with progress("starting") as report_step:
         from airtact.evaluation.self_check import self_check
 
         checked = self_check(report_step)
@@ -31,26 +30,29 @@ def selfcheck() -> None:
     for field in checked.fields:
         error = f"{100 * field.error:.2f} %"
         table.add_row(field.name, error, field.truth, f"{100 * field.reference_error:.1g} %")
-    warnings = [
-        f"{field.name}: the error is {100 * field.error:.2g} %, above the limit of "
-        f"{100 * checked.asked:g} %. Do not trust solutions on this machine. Reinstall airtact, "
-        "and report the instruction set if that does not help."
-        for field in checked.failed
-    ]
-    record = {
-        "instructions": checked.instructions,
-        "threads": checked.threads,
-        "asked": checked.asked,
-        "fields": [
-            {
-                "name": field.name,
-                "truth": field.truth,
-                "error": field.error,
-                "own": field.reference_error,
-            }
-            for field in checked.fields
+    show(
+        facts_table(facts),
+        table,
+        warnings=[
+            f"{field.name}: the error is {100 * field.error:.2g} %, above the limit of "
+            f"{100 * checked.asked:g} %. Do not trust solutions on this machine. Reinstall "
+            "airtact, and report the instruction set if that does not help."
+            for field in checked.failed
         ],
-    }
-    show(facts_table(facts), table, warnings=warnings, record=record)
+        record={
+            "instructions": checked.instructions,
+            "threads": checked.threads,
+            "asked": checked.asked,
+            "fields": [
+                {
+                    "name": field.name,
+                    "truth": field.truth,
+                    "error": field.error,
+                    "own": field.reference_error,
+                }
+                for field in checked.fields
+            ],
+        },
+    )
     if checked.failed:
         click.get_current_context().exit(1)

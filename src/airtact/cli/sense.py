@@ -87,8 +87,7 @@ def sense(
     receivers. The command writes pose.json and report.html, as well as echoes.h5 if it
     simulates the echoes.
     """
-    with progress() as report_step:
-        report_step(f"reading {scene.name}")
+    with progress(f"reading {scene.name}") as report_step:
         from airtact.files.atomic import whole_file, writable_folder
         from airtact.reports.sense_page import write_sense_page
         from airtact.setup.sensing import Simulation
@@ -144,8 +143,10 @@ def _facts(sensed: "Sensed") -> list[tuple[str, str]]:
     ]
     if sensed.gap is not None and located.opening is not None:
         gap = f"{1e3 * located.opening:.3f} mm ({1e3 * sensed.gap:.3f} mm in the scene)"
-        facts.append(("gap", gap))
-        facts.append(("standard deviation of the gap", f"{1e3 * located.opening_deviation:.3f} mm"))
+        facts += [
+            ("gap", gap),
+            ("standard deviation of the gap", f"{1e3 * located.opening_deviation:.3f} mm"),
+        ]
         if sensed.true_gap is not None:
             error = 1e3 * abs(located.opening - sensed.true_gap)
             facts.append(("error of the gap", f"{error:.3f} mm"))

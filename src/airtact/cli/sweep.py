@@ -96,18 +96,17 @@ def sweep(
         else:
             page.unlink(missing_ok=True)  # left from an older run with other points
     tables = []
+    warnings = []
     failed = swept.failed
     if len(failed) < len(rows):
         import numpy as np
 
-        summary = plain_table("points", "failed", "weakest focus, median", "smallest", "largest")
+        tables = [plain_table("points", "failed", "weakest focus, median", "smallest", "largest")]
         weakest = swept.numbers("weakest_Pa")
         figures = np.nanmedian(weakest), np.nanmin(weakest), np.nanmax(weakest)
-        summary.add_row(
+        tables[0].add_row(
             f"{len(rows):,}", f"{len(failed):,}", *(f"{figure:,.0f} Pa" for figure in figures)
         )
-        tables.append(summary)
-    warnings = []
     if failed:
         warnings.append(
             f"{len(failed)} of {len(rows)} points failed; the first error is: "
@@ -186,10 +185,9 @@ def write_csv(file: Path, rows: "Sequence[Row]") -> None:
 
     # Rows of failed points contain no results, so use the columns of all rows. Errors come last.
     names = dict.fromkeys(name for row in rows for name in row)
-    faults = {"error": None, "sentence": None}
-    columns = [name for name in names if name not in faults]
+    faults = ("error", "sentence")
     with whole_file(file) as partial, partial.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.DictWriter(stream, [*columns, *faults])
+        writer = csv.DictWriter(stream, [*(name for name in names if name not in faults), *faults])
         writer.writeheader()
         for row in rows:
             writer.writerow(

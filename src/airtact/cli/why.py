@@ -1,18 +1,13 @@
 """``airtact why``: explain which causes reduce the pressure at each focus of a scene."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 from rich.markup import escape
 
+import airtact as at
 from airtact.cli.console import plain_table, progress, show
 from airtact.cli.options import FILE, as_json, quiet, scene, store
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from airtact.setup.explaining import Explanation
 
 
 @click.command(
@@ -40,10 +35,7 @@ def why(
     pressure that remains and its change. The line below the table names the change to the scene
     that would most increase the pressure at the weakest focus. Scenes with traps are not supported.
     """
-    with progress() as report_step:
-        report_step(f"reading {scene.name}")
-        import airtact as at
-
+    with progress(f"reading {scene.name}") as report_step:
         setup = at.read_scene(scene)
         setup.check_no_traps("why")
         kept = None
@@ -68,8 +60,16 @@ def why(
             from airtact.reports.why_page import write_why_page
 
             write_why_page(page, explained, setup.title, setup.text)
+    table = plain_table("after", *(escape(name) for name in explained.foci))
+    table.title = "Pressure at each focus, cause by cause"
+    for index, cause in enumerate(explained.causes):
+        cells = []
+        for focus, pressure in enumerate(cause.pressures):
+            change = explained.change_in_words(index, focus)
+            cells.append(f"{pressure:,.0f} Pa  {change}".rstrip())
+        table.add_row(cause.name, *cells)
     show(
-        _table(explained),
+        table,
         lines=[explained.advice, *(f"Written: {path}" for path in (file, page) if path)],
         record={
             "foci": list(explained.foci),
@@ -80,15 +80,3 @@ def why(
             "advice": explained.advice,
         },
     )
-
-
-def _table(explained: "Explanation") -> "Table":
-    table = plain_table("after", *(escape(name) for name in explained.foci))
-    table.title = "Pressure at each focus, cause by cause"
-    for index, cause in enumerate(explained.causes):
-        cells = []
-        for focus, pressure in enumerate(cause.pressures):
-            change = explained.change_in_words(index, focus)
-            cells.append(f"{pressure:,.0f} Pa  {change}".rstrip())
-        table.add_row(cause.name, *cells)
-    return table
