@@ -6,9 +6,18 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.acoustics.solvers.bem.solver import OF_THE_DIRECT, BoundaryElement
+from airtact.acoustics.solvers.bem.field import BoundaryField
+from airtact.acoustics.solvers.bem.solver import OF_THE_DIRECT, BoundaryElement, SharedPanels
+from airtact.drives.transfer import transfer_to
+from airtact.evaluation.metrics import radiate_drives
 from airtact.setup.sentences import reach_cautions, sensations
-from airtact.setup.solving import MOST_UNKNOWNS, solve_foci, unknowns_of, verification_solver
+from airtact.setup.solving import (
+    MOST_UNKNOWNS,
+    solve_beacons,
+    solve_foci,
+    unknowns_of,
+    verification_solver,
+)
 from airtact.timing import Clock
 from airtact.transducers.placement import open_air_bound
 from paths import EXAMPLES, SCENES
@@ -119,9 +128,32 @@ def test_verification_has_nearly_twice_the_unknowns_or_more(setup) -> None:
 
 
 def test_verification_of_the_best_accuracy_stays_there() -> None:
-    assert verification_solver(replace(PINCH, accuracy=1e-4)) == BoundaryElement(
-        accuracy=1e-4, enough=1e-4
-    )
+    ball = replace(at.read_scene(SCENES / "ball.toml"), accuracy=1e-4)
+    assert verification_solver(ball) == BoundaryElement(accuracy=1e-4, enough=1e-4)
+
+
+def test_bodies_too_large_for_a_finer_mesh_are_verified_on_the_panels_of_the_drive(
+    monkeypatch,
+) -> None:
+    monkeypatch.setattr("airtact.setup.solving.MOST_UNKNOWNS", 3000)
+    verifier = verification_solver(PINCH)
+    assert isinstance(verifier, SharedPanels)
+    clock = Clock()
+    beacons = solve_beacons(PINCH, clock, estimate=False, verifier=verifier)
+    drive = at.Drive(np.ones(len(PINCH.array), dtype=complex))
+    field = radiate_drives(PINCH.scene, PINCH.array, [drive], verifier)
+    assert isinstance(field, BoundaryField)
+    assert isinstance(beacons, BoundaryField)
+    assert field.surface is beacons.surface
+    assert "panels" not in field.report.seconds
+    # Its pressures are those of the direct equation, and agree with the transfer matrix.
+    expected = transfer_to(beacons, PINCH.array).matrix @ drive.amplitudes
+    assert field.at(PINCH.target.points)[:, 0] == pytest.approx(expected, rel=0.02)
+    assert 1e-4 < field.report.estimated_error < 1.5 * PINCH.accuracy
+    # Another scene gets panels of its own.
+    moved = replace(PINCH.scene, obstacles=PINCH.scene.obstacles[:1])
+    alone = verifier.radiate(moved, PINCH.target.beacons())
+    assert len(alone.surface.nodes.points) < len(field.surface.nodes.points)
 
 
 def test_open_air_and_filled_bodies_have_solvers_of_their_own() -> None:

@@ -2,6 +2,7 @@ from .scene import Obstacle as Obstacle
 from .scene import Plane as Plane
 from .solvers.bem.factorised_bodies import FactorisedBodies as FactorisedBodies
 from .solvers.bem.moving_panels import MovingPanels as MovingPanels
+from .solvers.bem.solver import SharedPanels as SharedPanels
 from .solvers.problem import (
     RadiatedField as RadiatedField,
 )

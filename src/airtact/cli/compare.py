@@ -42,7 +42,7 @@ def compare(
     """Compute the drive of SCENE by every method; write methods.csv, methods.html, drives/*.h5.
 
     The files are written to the folder given by --out. All drives are computed from the same
-    transfer matrix and verified by a more accurate solve.
+    transfer matrix and verified by a second solve.
 
     With --drive, evaluate a drive from another program. It is compared with the best drive, and
     with a corrected drive: the most similar drive whose weakest focus reaches 95 % of the upper

@@ -48,7 +48,7 @@ def compare_scan(scan: Path, scene: Path, folder: Path, pictures: bool, **microp
         setup = at.read_scene(scene)
         writable_folder(folder)
         emitted, stalled = emitted_drive(setup, Clock(report_step))
-        report_step("predicting the field by a more accurate solve with all transducers as sources")
+        report_step("predicting the field by a solve with all transducers as sources")
         field = verification_solver(setup).radiate(
             setup.scene, at.evaluation.drive_sources(setup.array, [emitted], setup.scene)
         )

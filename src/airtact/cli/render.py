@@ -43,9 +43,9 @@ def render(
     SCENE is a scene file, by default scene.toml, or the name of an example:
     air_letters, live_pinch, open_hand, palm_circle, pinch, pinch_pose,
     suppressed_pinch, tinylev, touch_ball, touch_button. The files are written to the
-    folder --out. The drive is verified by a second, more accurate solve. With
-    --no-pictures, only the drive is written. Drives for moving foci
-    ([drive.modulation]) are written to sequence.h5.
+    folder --out. A second solve verifies the drive. With --no-pictures,
+    only the drive is written. Drives for moving foci ([drive.modulation]) are written to
+    sequence.h5.
     """
     with progress(f"reading {scene.name}") as report_step:
         from airtact.files.atomic import writable_folder

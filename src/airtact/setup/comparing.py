@@ -85,7 +85,7 @@ class Contender:
 class MethodComparison:
     """Drives of all methods for a setup, from one transfer matrix, as returned by ``compare``.
 
-    All drives are verified at the foci by a single, more accurate solve. The attribute ``best``
+    All drives are verified at the foci by a single second solve. The attribute ``best``
     contains the best method and its drive.
 
     Attributes
@@ -255,7 +255,7 @@ def compare(
       are, by ``evaluation.compare``.
 
     With a setup that contains bodies, a drive computed without them is added. All drives of a setup
-    are rounded to its levels, and a more accurate solve computes their pressures.
+    are rounded to its levels, and a second solve computes their pressures.
 
     Parameters
     ----------
@@ -302,7 +302,8 @@ def _compare_methods(
             )
         if drive.peak == 0.0:
             raise InvalidInput(f"{name} is silent: all amplitudes are 0. Omit it.", code="all_zero")
-    beacons = solve_beacons(setup, clock, store)
+    verifier = verification_solver(setup)
+    beacons = solve_beacons(setup, clock, store, verifier=verifier)
     transfer, report = transfer_to_array(setup, beacons, clock)
     # "best" just selects another method. Methods for samples require an uncertainty.
     methods = [
@@ -352,13 +353,13 @@ def _compare_methods(
     emitted = {name: quantise(drive, setup.levels).drive() for name, drive in drives.items()}
     with clock.step(
         "verify",
-        f"verifying {len(drives)} drives by a more accurate solve with all transducers as sources",
+        f"verifying {len(drives)} drives by a solve with all transducers as sources",
     ):
         field = radiate_drives(
             setup.scene,
             setup.array,
             list(emitted.values()),
-            stored(verification_solver(setup), store),
+            stored(verifier, store),
             foci=setup.target.points,
         )
         at_foci = np.abs(field.at(setup.target.points).T)

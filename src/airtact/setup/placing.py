@@ -102,7 +102,7 @@ class Placement:
         refined.
     present : pressure with the setup's present array, for the same poses of the hand as for the
         layouts [Pa]; NaN if the array overlaps the hand in one of these poses.
-    verified : pressure with the best layout [Pa], verified by a more accurate solve.
+    verified : pressure with the best layout [Pa], verified by a second solve.
     moves : (B, 6) relative change of the pressure (−0.1 is a loss of 10 %) if one of the B boards
         of the best layout is moved by 1 cm along x, y or z of the scene, or turned by 5 degrees
         about one of these axes through its centre. The drive is recomputed after each move. Each

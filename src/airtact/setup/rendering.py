@@ -12,7 +12,7 @@ from jaxtyping import Complex128, Float64, Real
 import airtact as at
 from airtact.acoustics.medium import Medium
 from airtact.acoustics.scene import Scene
-from airtact.acoustics.solvers.problem import RadiatedField, SolveReport
+from airtact.acoustics.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.acoustics.target import PerFocus, Target
 from airtact.drives.drive import Drive, quantise
 from airtact.drives.drive_file import SEQUENCE_FILE
@@ -57,7 +57,7 @@ from airtact.transducers.levels import AmplitudeModulation
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Rendering:
-    """The drive of a setup, verified by a more accurate solve, as returned by ``render``.
+    """The drive of a setup, verified by a second solve, as returned by ``render``.
 
     "The weakest focus" is the one with the smallest ratio of pressure to request.
 
@@ -67,7 +67,8 @@ class Rendering:
     transfer : transfer matrix from which the drive was computed.
     beacons : report of the solve for ``transfer``, which has a source (beacon) at each focus. If
         the solver did not estimate its error, ``beacons.estimated_error`` is the largest relative
-        difference, at any focus, between this solve and the verification.
+        difference, at any focus, between this solve and the verification, or the estimated error of
+        the verification if that is larger.
     drive : complex amplitude of each transducer, not rounded to levels.
     pressures : (F,) verified peak pressure at each focus [Pa]. If one focus runs through the points
         in turn, each value applies while the focus is at that point; such values come from the
@@ -176,6 +177,7 @@ class ComputedDrive:
     sequence : drives for moving foci; None if the foci do not move.
     field : field of a source (beacon) at each focus and suppression point.
     notes : warnings issued by the method that computed the drive.
+    verifier : solver for the verification.
     """
 
     setup: Setup
@@ -185,6 +187,7 @@ class ComputedDrive:
     drive: Drive
     sequence: "at.setup.MovingDrive | None"
     notes: tuple[str, ...]
+    verifier: Solver
 
 
 def save_files(run: ComputedDrive | Rendering, folder: Path) -> tuple[Path, ...]:
@@ -245,7 +248,7 @@ def focus(
     Returns
     -------
     A ``Rendering``. Its attribute ``drive`` is the drive, and ``pressures`` (F,) are the peak
-    pressures at the foci [Pa], verified by a more accurate solve.
+    pressures at the foci [Pa], verified by a second solve.
 
     Raises
     ------
@@ -273,7 +276,7 @@ def focus(
 def render(
     setup: Setup, *, store: str | Path | None = None, progress: Progress | None = None
 ) -> Rendering:
-    """Compute the drive of a setup, and verify it with a more accurate solve.
+    """Compute the drive of a setup, and verify it with a second solve.
 
     The drive is computed by the setup's method from the transfer matrix of its solver. The
     verification solves for the field of the drive with ``verification_solver``.
@@ -312,7 +315,8 @@ def render(
 
 def compute(setup: Setup, clock: Clock, store: Path | None = None) -> ComputedDrive:
     """Compute the drive of a setup without verifying it."""
-    field = solve_beacons(setup, clock, store, estimate=False)
+    verifier = verification_solver(setup)
+    field = solve_beacons(setup, clock, store, estimate=False, verifier=verifier)
     transfer, beacons = transfer_to_array(setup, field, clock)
     with clock.step("drive", f"computing the drive by {method_words(setup)}"):
         drive, notes = synthesise(setup.synthesise, transfer, setup.target)
@@ -324,11 +328,11 @@ def compute(setup: Setup, clock: Clock, store: Path | None = None) -> ComputedDr
 
         sequence = moving_drive(setup, setup.motion, transfer, clock, store)
         notes += sequence.warnings
-    return ComputedDrive(setup, field, transfer, beacons, drive, sequence, notes)
+    return ComputedDrive(setup, field, transfer, beacons, drive, sequence, notes, verifier)
 
 
 def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> Rendering:
-    """Verify a drive: compute its pressures by a more accurate solve with all elements as sources.
+    """Verify a drive: compute its pressures by a solve with all elements as sources.
 
     ``render`` calls ``compute``, then this function; call both to use the drive before it is
     verified. If the target requests pressures, the setup has no traps, and the strongest element is
@@ -364,15 +368,13 @@ def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> 
     control = control_drive(setup, setup.synthesise)
     if control is not None:
         drives[names[1]] = control
-    with clock.step(
-        "verify", "verifying the drive by a more accurate solve with all transducers as sources"
-    ):
+    with clock.step("verify", "verifying the drive by a solve with all transducers as sources"):
         comparison = compare_drives(
             setup.scene,
             setup.array,
             drives,
             setup.target,
-            solver=stored(verification_solver(setup), store),
+            solver=stored(computed.verifier, store),
         )
     # The verification compares drives at full scale, but requested pressures may require less.
     at_full_scale = comparison.pressures["equal peak"][0]
@@ -444,7 +446,9 @@ def verify(computed: ComputedDrive, clock: Clock, store: Path | None = None) -> 
         difference = transfer.pressure(computed.drive.at_full_scale())[: len(verified)] - verified
         asked = setup.target.weights > 0.0
         apart = float(np.max(np.abs(difference[asked] / verified[asked])))
-        beacons = replace(beacons, estimated_error=apart)
+        # If both have the same panels, their errors are similar, and may cancel in the difference.
+        least = comparison.report.estimated_error
+        beacons = replace(beacons, estimated_error=max(apart, least))
     return Rendering(
         setup=setup,
         transfer=transfer,

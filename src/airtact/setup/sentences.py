@@ -319,8 +319,8 @@ def disagreement(
     setup: Setup, transfer: TransferMatrix, drive: Drive, pressures: Float64[np.ndarray, "foci"]
 ) -> Iterator[str]:
     """Warn if a solution and its verification differ by over 1.5 times the requested accuracy."""
-    # The drive comes from the transposed solution. A forward solution with finer panels verifies
-    # it. If both agree within the accuracy, panels and solver are not at fault.
+    # The drive comes from the transposed solution, and a forward solution verifies it. If both
+    # agree within the accuracy, panels and solver are not at fault.
     predicted = np.abs(transfer.pressure(drive))[: len(pressures)]
     # Relative differences mean nothing at foci of request 0.
     apart = np.zeros(len(pressures))

@@ -1,6 +1,5 @@
 """Steps of a rendering: beacons, transfer matrix, drive, control and verification."""
 
-import math
 import re
 import warnings
 from collections.abc import Callable, Iterable, Sequence
@@ -13,7 +12,12 @@ from jaxtyping import Complex128, Float64
 
 import airtact as at
 from airtact.acoustics.scene import Scene
-from airtact.acoustics.solvers.bem.solver import BFLOAT16_ACCURACY, OF_THE_DIRECT, BoundaryElement
+from airtact.acoustics.solvers.bem.solver import (
+    BFLOAT16_ACCURACY,
+    OF_THE_DIRECT,
+    BoundaryElement,
+    SharedPanels,
+)
 from airtact.acoustics.solvers.problem import FreeField, RadiatedField, Solver, SolveReport
 from airtact.acoustics.sources import Monopoles
 from airtact.acoustics.target import Target
@@ -30,7 +34,7 @@ from airtact.transducers.levels import Levels
 # A drive, or the drives of a focus that runs through several points
 Made = TypeVar("Made")
 
-# Largest number of unknowns of the verification solve, whose matrix then takes 3 GB
+# Largest number of unknowns of a verification on panels of its own
 MOST_UNKNOWNS = 19_000
 
 
@@ -40,17 +44,24 @@ def stored(solver: Solver, store: Path | None) -> Solver:
 
 
 def solve_beacons(
-    setup: Setup, clock: Clock, store: Path | None = None, estimate: bool = True
+    setup: Setup,
+    clock: Clock,
+    store: Path | None = None,
+    estimate: bool = True,
+    verifier: Solver | None = None,
 ) -> RadiatedField:
     """Compute the field of a source (beacon) at each focus and suppression point.
 
     If the setup has an uncertainty, the field is expanded in multipoles where possible, because the
     expansion is faster to evaluate. With ``estimate=False``, boundary elements solve only the
     transposed equation and do not estimate their error; this is enough if a verification follows.
+    If ``verifier``, the solver of the verification, has ``SharedPanels``, its panels are used.
     """
     target = setup.target
     solver = setup.solver
-    if isinstance(solver, BoundaryElement) and not estimate:
+    if isinstance(verifier, SharedPanels):
+        solver = replace(verifier, drive_only=not estimate)
+    elif isinstance(solver, BoundaryElement) and not estimate:
         solver = replace(solver, estimate=False)
     foci = f"focus ({len(target.points)})"
     if len(target.suppression_points):
@@ -230,9 +241,10 @@ def verification_solver(setup: Setup) -> Solver:
     If a body is filled with a fluid and the setup's solver is ``FiniteElement``, it is the same
     solver with the next higher order. If the setup's solver is ``SphereSeries``, which is exact,
     it verifies a filled sphere too. For all other scenes with bodies, it is ``BoundaryElement``
-    with at least 1.8 times as many unknowns as ``setup.accuracy`` requires, up to about 19,000
-    unknowns; its report contains a warning if the estimated error exceeds ``setup.accuracy``. For
-    open air, it is ``FreeField``, which is exact.
+    with at least 1.8 times as many unknowns as ``setup.accuracy`` requires. If that is more than
+    19,000 unknowns, as for a whole hand, it solves the direct equation on the panels of the drive
+    (``SharedPanels``). In both cases its report contains a warning if the estimated error exceeds
+    ``setup.accuracy``. For open air, it is ``FreeField``, which is exact.
 
     Parameters
     ----------
@@ -240,7 +252,8 @@ def verification_solver(setup: Setup) -> Solver:
 
     Returns
     -------
-    A ``FreeField``, ``FiniteElement``, ``SphereSeries`` or ``BoundaryElement`` solver.
+    A ``FreeField``, ``FiniteElement``, ``SphereSeries``, ``BoundaryElement`` or ``SharedPanels``
+    solver.
 
     Raises
     ------
@@ -254,31 +267,27 @@ def verification_solver(setup: Setup) -> Solver:
         return replace(setup.solver, order=setup.solver.order + 1)
     if filled and isinstance(setup.solver, at.SphereSeries):
         return setup.solver
-    return BoundaryElement(accuracy=_verification_accuracy(setup), enough=setup.accuracy)
-
-
-def _verification_accuracy(setup: Setup) -> float:
-    """Return an accuracy that needs at least 1.8 times the unknowns, up to ``MOST_UNKNOWNS``.
-
-    The number does not include smaller panels near foci, because the sources in the
-    verification are the transducers, which are far from the bodies.
-    """
     finest = 1e-4  # limit of boundary elements
     emitting = Monopoles(setup.array.positions, np.ones(len(setup.array)))
 
     def unknowns(accuracy: float) -> int:
         return BoundaryElement(accuracy=accuracy).unknowns(setup.scene, emitting)
 
+    # The sources are far from the bodies, so these numbers do not include smaller panels near foci.
+    enough = 1.8 * unknowns(setup.accuracy)
+    if (
+        enough > MOST_UNKNOWNS
+        and isinstance(setup.solver, BoundaryElement)
+        and not setup.scene.boards
+    ):
+        solver = replace(setup.solver, estimate=True, enough=setup.accuracy)
+        beacons = setup.target.beacons(suppression=True)
+        return SharedPanels(solver, beacons.refined_positions)
     # Each trial meshes all bodies, so use as few as possible. The number of unknowns grows like
     # accuracy^(−2/3) or more slowly, so a third of the error is usually right.
-
-    enough = 1.8 * unknowns(setup.accuracy)
-    if enough > MOST_UNKNOWNS:
-        # Divide by 1.2 as often as surely stays below the limit, but at least once.
-        growth = MOST_UNKNOWNS / enough * 1.8
-        steps = max(1, math.floor(1.5 * math.log(growth, 1.2)))
-        return max(setup.accuracy / 1.2**steps, finest)
-    accuracy = max(setup.accuracy / 1.2**6, finest)
+    steps = 6 if enough <= MOST_UNKNOWNS else 1
+    enough = min(enough, MOST_UNKNOWNS)
+    accuracy = max(setup.accuracy / 1.2**steps, finest)
     count = unknowns(accuracy)
     while count < enough and accuracy > finest:
         accuracy = max(accuracy / 1.2, finest)
@@ -286,7 +295,7 @@ def _verification_accuracy(setup: Setup) -> float:
     while count > MOST_UNKNOWNS and accuracy < setup.accuracy / 1.3:
         accuracy *= 1.2
         count = unknowns(accuracy)
-    return accuracy
+    return BoundaryElement(accuracy=accuracy, enough=setup.accuracy)
 
 
 def unknowns_of(
