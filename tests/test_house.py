@@ -177,6 +177,23 @@ def test_help_imports_no_work() -> None:
     assert done.stdout.splitlines()[-1] == "[]"
 
 
+SMALL_SCENE_IMPORTS = """
+import sys
+from airtact.cli import main
+assert main(["render", "pinch", "--no-pictures", "--quiet", "--out", sys.argv[1]]) == 0
+print([name for name in ("scipy", "matplotlib") if name in sys.modules])
+"""
+
+
+def test_a_small_scene_does_without_scipy_whose_import_takes_longer_than_its_solve(
+    tmp_path: Path,
+) -> None:
+    command = [sys.executable, "-c", SMALL_SCENE_IMPORTS, str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
 def test_modules_have_docstrings_and_errors_have_codes() -> None:
     faults = []
     for path in MODULES:

@@ -4,10 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64, Int64, Num, Real
-from scipy.spatial import KDTree
-from scipy.spatial.distance import cdist
 
 from airtact.errors import InvalidInput, check_finite, complex_numbers, in_short, points_of
+from airtact.geometry.distances import nearest_within
 
 # Points closer to a source than this count as lying at the source [m].
 STANDS_ON = 1e-9
@@ -97,19 +96,7 @@ def nearest_source(
 ) -> tuple[Float64[np.ndarray, "points"], Int64[np.ndarray, "points"]]:
     """Return the distance [m] and the index of the source nearest to each point.
 
-    If no source is within ``within`` [m] of a point, the distance is larger than ``within`` and the
-    index is arbitrary.
+    If no source is closer than ``within`` [m] to a point, the distance is infinite and the index is
+    0.
     """
-    columns = np.ascontiguousarray(points.T)  # far faster than a minimum over three columns
-    low = columns.min(axis=1, initial=np.inf) - within
-    high = columns.max(axis=1, initial=-np.inf) + within
-    # Most points are far from all sources, and the box around them contains few sources.
-    inside = np.flatnonzero(((sources.positions >= low) & (sources.positions <= high)).all(axis=1))
-    if not len(inside) or not len(points):
-        return np.full(len(points), np.inf), np.zeros(len(points), dtype=np.int64)
-    if len(inside) <= 16:  # computing all distances is faster than a search tree
-        distances = cdist(sources.positions[inside], points)
-        return distances.min(axis=0), inside[distances.argmin(axis=0)]
-    # Sources beyond the bound do not matter.
-    distance, source = KDTree(sources.positions).query(points, distance_upper_bound=2 * within)
-    return np.asarray(distance), np.asarray(source)
+    return nearest_within(np.asarray(points, dtype=np.float64), sources.positions, within)

@@ -5,7 +5,6 @@ from typing import cast
 
 import numpy as np
 from jaxtyping import Complex128, Float64, Num, Real
-from scipy.spatial.distance import cdist
 
 from airtact.acoustics.sources import Monopoles
 from airtact.errors import (
@@ -22,6 +21,7 @@ from airtact.errors import (
     real_numbers,
     span,
 )
+from airtact.geometry.distances import nearest
 
 # Requested values at the foci: (F,) numbers, or one number for all.
 PerFocus = Num[np.ndarray, "foci"] | complex | float | int
@@ -244,11 +244,12 @@ def _check_suppressed_foci(
     foci: Float64[np.ndarray, "foci 3"], suppressed: Float64[np.ndarray, "suppressed 3"]
 ) -> None:
     # One pressure cannot be both strong and zero.
-    distance = cdist(foci, suppressed)
+    distance, focus = nearest(suppressed, foci)
     if distance.min(initial=np.inf) < 1e-6:
-        index, point = np.unravel_index(distance.argmin(), distance.shape)
+        point = int(distance.argmin())
+        index = int(focus[point])
         raise InvalidInput(
-            f"suppression point {point} is {millimetres(distance.min())} from focus {index} at "
+            f"suppression point {point} is {millimetres(distance[point])} from focus {index} at "
             f"{in_mm(foci[index])}; the pressure there cannot be both strong and zero. Remove the "
             "suppression point.",
             foci[index],

@@ -15,7 +15,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 from jaxtyping import Float64, Real
-from scipy.spatial import KDTree
 
 from airtact.errors import (
     LARGEST_NUMBER,
@@ -316,6 +315,8 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
 
 def spaced_apart(points: Points, spacing: float) -> Float64[np.ndarray, "kept 3"]:
     """Return the points in order, omitting each point within ``spacing`` [m] of a kept point."""
+    from scipy.spatial import KDTree  # importing it takes 0.2 s
+
     remaining = []
     dropped = np.zeros(len(points), dtype=bool)
     tree = KDTree(points)

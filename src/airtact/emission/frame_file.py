@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.distance import cdist
 
 from airtact.drives.drive import Drive
 from airtact.drives.drive_file import (
@@ -111,6 +110,8 @@ def drive_for(array: PhasedArray, path: Path, board: str | None = None) -> Drive
             code="sizes_differ",
         )
     if contents.positions is not None:
+        from scipy.spatial.distance import cdist  # importing it takes 0.2 s
+
         away = cdist(array.positions, contents.positions)
         order = away.argmin(axis=1)
         if away.min(axis=1).max() < 1e-3 and len(set(order.tolist())) == len(order):

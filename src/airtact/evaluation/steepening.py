@@ -15,12 +15,11 @@ Sources
   amplitude", J. Acoust. Soc. Am. 39, 1019 (1966): Fubini's harmonics J_n(nσ)·2/(nσ).
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Complex128, Float32, Float64, Num, Real
-from scipy.spatial import KDTree
-from scipy.special import j1
 
 from airtact.acoustics.scene import Plane, Scene
 from airtact.acoustics.sources import Monopoles
@@ -76,11 +75,13 @@ class Steepening:
         >>> wave.kept.round(3).tolist()  # a plane wave at σ = 0.5: 2 J₁(0.5)/0.5
         [0.969]
         """
-        # σ of the plane wave with the same third-order loss, σ²/8. Fubini's result for that wave
-        # also holds for foci, in their case up to σ = 2.
-        shock = np.sqrt(8.0 * np.maximum(self.depletion, 1e-12))
-        holds = (shock <= 2.0) & (self.error <= 0.2)
-        return np.where(holds, 2.0 * j1(shock) / shock, np.nan)
+        # σ of the plane wave with the same third-order loss is √(8 depletion). Fubini's result for
+        # that wave, 2 J₁(σ)/σ, also holds for foci, in their case up to σ = 2. This is its power
+        # series in −σ²/4; up to there, the terms left out are below 1e-11.
+        loss = np.clip(self.depletion, 0.0, 0.5)
+        series = [1.0 / (math.factorial(n) * math.factorial(n + 1)) for n in range(9)]
+        kept = np.polynomial.polynomial.polyval(-2.0 * loss, series)
+        return np.where((self.depletion <= 0.5) & (self.error <= 0.2), kept, np.nan)
 
     @property
     def second_harmonic(self) -> Float64[np.ndarray, "points"]:
@@ -123,7 +124,7 @@ def steepening(
             unknown = np.nan if pressure != 0.0 else 0.0
             rows.append((unknown, unknown, 0.0))
             continue
-        waves = waves.patches(128)
+        waves = waves.patches()
         rows.append(
             (
                 abs(_second_order(waves)) / stiffness,
@@ -151,12 +152,23 @@ class _Waves:
     direction: Float64[np.ndarray, "waves 3"]
     path: float
 
-    def patches(self, count: int) -> "_Waves":
-        """Combine waves of neighbouring directions to at most ``count``."""
-        count = min(count, len(self.pressure))
-        # The leaves of a balanced tree are sorted by neighbourhood, so equal parts are patches.
-        order = np.asarray(KDTree(self.direction).indices)
-        starts = np.linspace(0, len(order), count, endpoint=False).astype(int)
+    def patches(self) -> "_Waves":
+        """Combine waves of neighbouring directions to at most 128."""
+        count = len(self.pressure)
+        order = np.arange(count)
+        starts = order
+        if count > 128:
+            # Halve all parts seven times across their widest axes, without SciPy's trees, whose
+            # import takes longer than the whole estimate.
+            starts = np.zeros(1, dtype=np.int64)
+            for parts in 2 ** np.arange(1, 8):
+                part = np.repeat(np.arange(len(starts)), np.diff(starts, append=count))
+                direction = self.direction[order]
+                width = np.maximum.reduceat(direction, starts)
+                width -= np.minimum.reduceat(direction, starts)
+                along = direction[np.arange(count), width.argmax(axis=1)[part]]
+                order = order[np.argsort(along + 3.0 * part)]  # parts stay in order
+                starts = np.arange(parts) * count // parts
         weight = np.abs(self.pressure)[order]
         direction = np.add.reduceat(weight[:, None] * self.direction[order], starts)
         # Waves in exactly the same direction would resonate and give 0/0. This length separates
@@ -236,7 +248,7 @@ def _third_order(waves: _Waves) -> float:
     forced, free = _second_harmonic(between, waves.path)
     pairs = forced * pressure[first] * pressure[other]
     pairs[first != other] *= 2.0
-    # All pairs with every fourth wave, which represents its neighbours in the tree. Single
+    # All pairs with every fourth wave, which represents its neighbours. Single
     # precision takes a fifth of the time, and blocks of this size fit the cache.
     third = pressure[2::4] if len(pressure) > 4 else pressure
     cosine = (cosine[:, 2::4] if len(pressure) > 4 else cosine).astype(np.float32)

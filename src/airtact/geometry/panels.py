@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64, Real
-from scipy.spatial import KDTree
 
 from airtact import _kernels
 from airtact.geometry.mesh.triangles import (
@@ -205,6 +204,8 @@ def _allowed_by_own_surface(
     panels: QuadraticTriangles, chosen: Int64[np.ndarray, "chosen"]
 ) -> Float64[np.ndarray, "chosen"]:
     """Return the longest edge [m] allowed by the gap or wall opposite each chosen panel."""
+    from scipy.spatial import KDTree  # importing it takes 0.2 s
+
     share = 0.75  # ratio of the search radius for the opposite side to the longest edge
     edges = longest_edges(panels)
     reach = share * float(edges[chosen].max())

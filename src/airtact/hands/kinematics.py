@@ -6,7 +6,6 @@ from typing import cast
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.spatial.transform import Rotation
 
 from airtact.errors import InvalidInput
 from airtact.hands.body import OWNER, PARTS, Hulls
@@ -36,6 +35,8 @@ def bending_axis(joints: Joints, side: str, finger: int) -> Point:
 
 def turned(joints: Joints, side: str, finger: int, angle: float) -> Joints:
     """Return the joints with a finger straightened by an angle [rad] at its root."""
+    from scipy.spatial.transform import Rotation  # importing it takes 0.2 s
+
     root = CHAINS[finger][0 if finger == 0 else 1]
     outer = [joint for joint in CHAINS[finger] if joint > root]
     turn = Rotation.from_rotvec(-angle * bending_axis(joints, side, finger))

@@ -4,7 +4,6 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float64
-from scipy.spatial import KDTree
 
 import airtact as at
 from airtact.acoustics.target_points import outward
@@ -17,9 +16,9 @@ from airtact.emission.codecs import codec_of
 from airtact.emission.emission import frames_of_period
 from airtact.errors import InvalidInput, counted, in_mm, millimetres
 from airtact.evaluation.metrics import pascals, sensation
+from airtact.geometry.distances import nearest, nearest_pair
 from airtact.setup.setup import Setup
 from airtact.transducers.boards import kind_of_array
-from airtact.transducers.layout import nearest_pair
 from airtact.transducers.levels import AmplitudeModulation
 from airtact.transducers.placement import (
     open_air_bound,
@@ -126,7 +125,7 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
             )
     # The few points on a face give its near field only roughly: on the axis of a disc of 4.5 mm,
     # the pressure is 4 % off at 1 mm and 7 % at 0.1 mm.
-    apart = KDTree(setup.array.positions).query(points)[0]
+    apart = nearest(points, setup.array.positions)[0]
     for name, distance in zip(setup.foci, apart, strict=True):
         if distance < setup.array.element.radius:
             cautions.append(

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Complex128, Float64, Num, Real
-from scipy.spatial import KDTree
 
 from airtact.errors import (
     InvalidInput,
@@ -25,6 +24,7 @@ from airtact.errors import (
     real_numbers,
     sides_in_mm,
 )
+from airtact.geometry.distances import nearest_pair
 from airtact.geometry.pose import Pose
 from airtact.transducers.boards import MURATA_RADIUS, Board, board_named
 from airtact.transducers.element import Element, monopole, piston
@@ -243,15 +243,6 @@ class PhasedArray:
         """
         of_kind(pose, Pose, "the pose of the hand", "Pose(rotation, translation)")
         return self.moved(pose.inverse())
-
-
-def nearest_pair(points: Float64[np.ndarray, "points 3"]) -> tuple[int, int, float]:
-    """Return the indices of the two closest points, and their distance [m]."""
-    distances, neighbours = map(np.asarray, KDTree(points).query(points, k=2))
-    first = int(distances[:, 1].argmin())
-    # For two points at the same place, the query may list the second before the first.
-    second = int(next(index for index in neighbours[first] if index != first))
-    return min(first, second), max(first, second), float(distances[first, 1])
 
 
 def _as_many(

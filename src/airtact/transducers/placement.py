@@ -4,8 +4,6 @@ from itertools import combinations
 
 import numpy as np
 from jaxtyping import Bool, Float64, Real
-from scipy.spatial import ConvexHull, KDTree
-from scipy.spatial.distance import cdist
 
 from airtact import _kernels
 from airtact.acoustics.scene import (
@@ -17,11 +15,12 @@ from airtact.acoustics.scene import (
     check_not_inside,
 )
 from airtact.errors import InvalidInput, counted, in_mm, of_kind, within
+from airtact.geometry.distances import distances, nearest_pair
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
 from airtact.transducers.boards import Board, kind_of_array
 from airtact.transducers.element import check_pattern
-from airtact.transducers.layout import PhasedArray, nearest_pair
+from airtact.transducers.layout import PhasedArray
 
 # Largest distance of an element from a focus or from the nearest body [m].
 MAX_ELEMENT_DISTANCE = 10.0
@@ -78,6 +77,8 @@ def check_apart(array: PhasedArray) -> None:
     smallest = max(array.element.radius, 1e-4)
     if array.spacing >= smallest:
         return
+    from scipy.spatial import KDTree  # importing it takes 0.2 s
+
     first, second, distance = nearest_pair(array.positions)
     pairs = KDTree(array.positions).query_pairs(smallest, output_type="ndarray")
     raise InvalidInput(
@@ -131,6 +132,8 @@ def _check_body(
     # A bounding sphere usually suffices; convex hulls of fine meshes are slow.
     if _height(array, middle[None]).min() > radius:
         return
+    from scipy.spatial import ConvexHull  # importing it takes 0.2 s
+
     # The vertex farthest behind a face belongs to the convex hull.
     behind = -_height(array, vertices[ConvexHull(vertices).vertices]).min(axis=0)
     _check_behind(array, behind if elements is None else np.where(elements, behind, 0.0), subject)
@@ -200,9 +203,9 @@ def _check_metres(distances: Depths, place: str) -> None:
 
 def check_reach(array: PhasedArray, foci: Real[np.ndarray, "foci 3"]) -> None:
     """Raise an error if a focus (F, 3) is over 10 m from an element or behind a directional one."""
-    distances = cdist(foci, array.positions)
-    worst = int(distances.max(axis=1).argmax())
-    _check_metres(distances[worst], f"focus {worst}")
+    away = distances(foci, array.positions)
+    worst = int(away.max(axis=1).argmax())
+    _check_metres(away[worst], f"focus {worst}")
     if array.element.directional:
         behind = -_height(array, foci)
         worst = int(np.argmax(behind.max(axis=1)))

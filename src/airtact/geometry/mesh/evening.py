@@ -13,7 +13,6 @@ from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.spatial import KDTree
 
 from airtact import _kernels
 from airtact.geometry.mesh.curving import corner_normals, sectors
@@ -135,6 +134,8 @@ def turn_sizes(mesh: RidgedMesh, largest: float, reach: float, turn: float) -> V
     averaged within ``reach`` [m] to smooth out the kinks of a coarse mesh. The result is at most
     ``largest`` [m].
     """
+    from scipy.spatial import KDTree  # importing it takes 0.2 s
+
     corners = mesh.vertices[mesh.triangles]
     along = np.roll(corners, -1, axis=1) - corners
     vectors = area_vectors(corners)

@@ -22,7 +22,6 @@ from functools import cache
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
-from scipy.spatial import KDTree
 
 from airtact.errors import InvalidInput, extra
 from airtact.geometry.mesh.triangles import (
@@ -232,6 +231,8 @@ def bend_sizes(
     result is ``factor`` times the radius of the bend and at most ``largest``. ``factor`` is below 1
     if panels must be closer to the surface.
     """
+    from scipy.spatial import KDTree  # importing it takes 0.2 s
+
     corners = vertices[triangles]
     centres = corners.mean(axis=1)
     normals = unit(area_vectors(corners))
@@ -343,6 +344,8 @@ def _angle_defects(
 
 def wall_sizes(vertices: Vertices, triangles: Triangles, largest: float) -> VertexSizes:
     """Return the longest edge [m] allowed at each vertex: three times the wall thickness."""
+    from scipy.spatial import KDTree  # importing it takes 0.2 s
+
     normals = np.zeros((len(vertices), 3))
     np.add.at(normals, triangles, area_vectors(vertices[triangles])[:, None])
     normals = unit(normals)
@@ -375,6 +378,8 @@ def strip_sizes(vertices: Vertices, ridges: Ridges, largest: float) -> VertexSiz
     width = np.full(len(vertices), largest / 2.0)
     if not len(ridges):
         return 2.0 * width
+    from scipy.spatial import KDTree  # importing it takes 0.2 s
+
     # Distances to other ridges are measured at eight points on each ridge.
     steps = 8
     ends = vertices[ridges]

@@ -10,9 +10,6 @@ from functools import cache, cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int, Int64, Real
-from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree
 
 from airtact import _kernels
 from airtact.errors import InvalidInput, counted, in_mm
@@ -275,6 +272,9 @@ def shells(triangles: AnyTriangles, twins: Twins | None = None) -> Int64[np.ndar
 
     The pieces of the closed mesh are numbered in the order of their first triangles.
     """
+    from scipy.sparse import csr_array  # importing it takes 0.2 s
+    from scipy.sparse.csgraph import connected_components
+
     twins = edge_twins(triangles) if twins is None else twins
     count = len(twins)
     graph = csr_array(
@@ -288,6 +288,9 @@ def components(
     start: Int[np.ndarray, "links"], end: Int[np.ndarray, "links"], count: int
 ) -> Int64[np.ndarray, "members"]:
     """Return the index of the connected component to which each of ``count`` nodes belongs."""
+    from scipy.sparse import coo_array  # importing it takes 0.2 s
+    from scipy.sparse.csgraph import connected_components
+
     links = coo_array((np.ones(len(start), dtype=bool), (start, end)), shape=(count, count))
     return connected_components(links, directed=False)[1].astype(np.int64)
 
@@ -454,6 +457,8 @@ class PanelTree:
 
 def panel_tree(panels: QuadraticTriangles) -> PanelTree:
     """Sort panels (T, 6, 3) by position, and build boxes around them by repeated halving."""
+    from scipy.spatial import KDTree  # importing it takes 0.2 s
+
     panels = np.ascontiguousarray(panels)
     corners = panels[:, :3]
     # A quadratic panel lies in the convex hull of its Bézier control points.

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import scipy.linalg
 from jaxtyping import Bool, Complex, Complex128, Float64, Int64, Shaped
 
 from airtact import _kernels
@@ -185,15 +184,15 @@ def eliminate(
     The matrices must not contain low-rank blocks. Only the residual for the sum of all right-hand
     sides is computed, because this takes a single product with the matrix.
     """
+    from scipy import linalg  # importing it takes 0.2 s
+
     total: Complex[np.ndarray, "nodes nodes"] = matrices[0].dense()
     for matrix in matrices[1:]:
         total += matrix.dense()
     # The factorisation is in place because the matrix is the largest object of a solve.
-    factors = scipy.linalg.lu_factor(total, overwrite_a=True, check_finite=False)
+    factors = linalg.lu_factor(total, overwrite_a=True, check_finite=False)
     right_sides = right.astype(total.dtype)
-    solution = scipy.linalg.lu_solve(
-        factors, right_sides, trans=int(transposed), check_finite=False
-    )
+    solution = linalg.lu_solve(factors, right_sides, trans=int(transposed), check_finite=False)
     # A single product checks all right-hand sides together.
     summed = np.ascontiguousarray(solution.sum(axis=1)[None])
     product = sum(matrix.times(summed, transposed)[0] for matrix in matrices)

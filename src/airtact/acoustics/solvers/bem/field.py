@@ -12,7 +12,6 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64
-from scipy.spatial import KDTree
 
 from airtact import _kernels
 from airtact.acoustics.scene import Plane, Scene, before_planes, with_images
@@ -45,6 +44,7 @@ from airtact.acoustics.solvers.shared import (
 )
 from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.errors import InvalidInput, in_mm, points_of
+from airtact.geometry.distances import nearest
 
 # In a reflected panel, corners 0 and 2 are exchanged so that its normal points outward. Corner 1
 # stays, and the three nodes near it, which share a second collocation point, remain a group.
@@ -313,9 +313,9 @@ class BoundaryField(RadiatedField):
         touching = np.zeros(len(points), dtype=bool)
         if not len(near):
             return points, touching
-        nearest = KDTree(nodes.points).query(points[near])[1]
-        radius = nodes.radii[nearest // 6]
-        away = points[near] + radius[:, None] * nodes.normals[nearest]
+        node = nearest(points[near], nodes.points)[1]
+        radius = nodes.radii[node // 6]
+        away = points[near] + radius[:, None] * nodes.normals[node]
         # Moved points must not come near another surface or an image behind a plane.
         free = -self.scene.depth(away) > 0.5 * radius
         for plane in self.scene.planes:

@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Complex, Complex128, Float32, Float64, Int64
-from scipy.sparse import csr_array
 
 from airtact import _kernels
 from airtact.acoustics.scene import Scene, before_planes
@@ -207,12 +206,15 @@ class NearRows(_kernels.NearRows):
             NearRows(self.first[points:] - begin, self.panel[begin:], self.excess[begin:]),
         )
 
-    def sparse(self, nodes: int) -> csr_array:
-        """Return the corrections as a sparse matrix (points, nodes)."""
-        columns = (6 * self.panel[:, None] + np.arange(6)).ravel()
-        return csr_array(
-            (self.excess.ravel(), columns, 6 * self.first), shape=(len(self.first) - 1, nodes)
-        )
+    def times(self, pressure: NodeValues) -> Pressures:
+        """Return the corrections for a pressure at the nodes. Each point needs a near panel."""
+        by_panel = pressure.reshape(-1, 6, pressure.shape[1])
+        # One excitation at a time, which limits the memory
+        columns = [
+            np.einsum("pj,pj->p", self.excess, by_panel[self.panel, :, excitation])
+            for excitation in range(pressure.shape[1])
+        ]
+        return np.add.reduceat(np.stack(columns, axis=1), self.first[:-1])
 
 
 def near_rows(
@@ -294,7 +296,7 @@ def double_layer_pressure(
         nodes, points, contact, wavenumber, near_rule, near_precision, min_distance
     )
     for group, rows in groups:
-        out[group] += rows.sparse(len(nodes.points)) @ pressure
+        out[group] += rows.times(pressure)
     return out
 
 
