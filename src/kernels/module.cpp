@@ -628,7 +628,7 @@ static void near_excess(Points targets, const bound::NearRows &rows, const bound
 
 static nb::tuple closest(Points targets, Triangles panels, Index order, Points lower, Points upper, std::optional<Line> within) {
     const std::size_t n = targets.shape(0);
-    same(panels.shape(0), order.shape(0)), same(lower.shape(0), upper.shape(0));
+    same(2 * order.shape(0), lower.shape(0)), same(lower.shape(0), upper.shape(0));
     if (within) same(n, within->shape(0));
     const Output<std::int64_t> panel({n});
     const Output<double> reference({n, 2}), distance({n});
@@ -637,8 +637,8 @@ static nb::tuple closest(Points targets, Triangles panels, Index order, Points l
     if (within) std::copy_n(within->data(), n, distance.data);
     {
         nb::gil_scoped_release release;
-        active->closest_on_panels(targets.data(), n, panels.data(), order.data(), panels.shape(0), lower.data(), upper.data(),
-                                  lower.shape(0) / 2, panel.data, reference.data, distance.data);
+        active->closest_on_panels(targets.data(), n, panels.data(), order.data(), lower.data(), upper.data(),
+                                  order.shape(0), panel.data, reference.data, distance.data);
     }
     return nb::make_tuple(panel.array, reference.array, distance.array);
 }

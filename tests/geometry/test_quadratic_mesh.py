@@ -52,6 +52,16 @@ def test_a_tree_of_few_panels_is_searched_too(rng, count):
     assert np.array_equal(panel, alone.argmin(axis=0))
 
 
+@pytest.mark.usefixtures("variant")
+def test_a_point_has_the_same_closest_panel_alone_and_among_others(rng):
+    tree = panel_tree(curved_mesh(bumpy()).quadratic_triangles)
+    points = rng.normal(scale=0.01, size=(300, 3))
+    together = tree.closest(points)
+    alone = [tree.closest(point[None]) for point in points]
+    for values, single in zip(together, zip(*alone, strict=True), strict=True):
+        assert np.array_equal(values, np.concatenate(single))
+
+
 @pytest.mark.parametrize("step", [1e-9, 1e-6, 1e-4])
 def test_points_off_the_surface_along_its_normal_are_that_deep(rng, step):
     mesh = curved_mesh(bumpy())

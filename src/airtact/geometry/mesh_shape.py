@@ -140,6 +140,7 @@ class QuadraticMesh:
         """Sum of the normals of the panels around each vertex, weighted by their corner angles."""
         nodes = self.quadratic_triangles
         total = np.zeros((int(self.triangles.max()) + 1, 3))
+        normals = unit(normals_at(nodes, NODE_REFERENCES[:3]))
         for corner in range(3):
             # These are the tangents of the two curved edges at the corner.
             following = (corner + 1) % 3
@@ -148,8 +149,7 @@ class QuadraticMesh:
             back = 4 * nodes[:, 3 + before] - 3 * nodes[:, corner] - nodes[:, before]
             cosine = np.einsum("td,td->t", unit(out), unit(back))
             angle = np.arccos(np.clip(cosine, -1.0, 1.0))
-            normal = unit(normals_at(nodes, NODE_REFERENCES[corner]))
-            np.add.at(total, self.triangles[:, corner], angle[:, None] * normal)
+            np.add.at(total, self.triangles[:, corner], angle[:, None] * normals[:, corner])
         return total
 
     def depth(self, points: Points) -> PointLengths:
@@ -235,7 +235,7 @@ class QuadraticMesh:
 
     def deviation(self, panels: QuadraticTriangles) -> Float64[np.ndarray, "panels"]:
         """Return the root mean square distance (P,) of panels (P, 6, 3) from the surface [m]."""
-        points = np.einsum("qn,tnd->tqd", _RULE_SHAPE, panels).reshape(-1, 3)
+        points = (_RULE_SHAPE @ panels).reshape(-1, 3)
         distance = self.tree.closest(points)[2].reshape(-1, len(_RULE_POINTS))
         return np.sqrt(distance**2 @ (2 * _RULE_WEIGHTS))
 
@@ -255,12 +255,12 @@ class QuadraticMesh:
         A panel with all nodes on a round surface lies inside the surface. On a scan, such a panel
         follows the roughness at its nodes. A least-squares fit avoids both errors.
         """
-        points = np.einsum("qn,tnd->tqd", _RULE_SHAPE, panels).reshape(-1, 3)
+        points = (_RULE_SHAPE @ panels).reshape(-1, 3)
         depth = self.depth(points).reshape(-1, len(_RULE_POINTS))
         rise = depth @ _RULE_FIT.T
         remaining = np.sqrt((depth - rise @ _RULE_SHAPE.T) ** 2 @ (2 * _RULE_WEIGHTS))
-        normals = np.stack([normals_at(panels, node) for node in NODE_REFERENCES], axis=1)
-        return panels + rise[:, :, None] * unit(normals), remaining
+        normals = unit(normals_at(panels, NODE_REFERENCES))
+        return panels + rise[:, :, None] * normals, remaining
 
     @cached_property
     def area(self) -> float:
@@ -503,6 +503,6 @@ def _cut_where_it_helps(
 
 
 def _bending(panels: QuadraticTriangles) -> Float64[np.ndarray, "panels"]:
-    normals = [unit(normals_at(panels, corner)) for corner in NODE_REFERENCES[:3]]
-    cosine = np.min([np.einsum("td,td->t", normals[i], normals[i - 1]) for i in range(3)], axis=0)
+    normals = unit(normals_at(panels, NODE_REFERENCES[:3]))
+    cosine = np.einsum("tnd,tnd->tn", normals, np.roll(normals, 1, axis=1)).min(axis=1)
     return np.arccos(np.clip(cosine, -1.0, 1.0))

@@ -64,7 +64,8 @@ template <int many> void closest_on_edge(const Patches<many> &patches, int edge,
             const double bent = straight + 2 * (du * du * patches.bend(3, l, x0, x1, x2) + du * dv * patches.bend(4, l, x0, x1, x2) +
                                                 dv * dv * patches.bend(5, l, x0, x1, x2));
             const double move = -dot(x0, x1, x2, a0, a1, a2) / (bent > 0.1 * straight ? bent : straight);
-            const double to = t[l] + move, next = to < 0.0 ? 0.0 : to > 1.0 ? 1.0 : to;
+            const double to = t[l] + move, inside = to < 0.0 ? 0.0 : to > 1.0 ? 1.0 : to;
+            const double next = moving[l] > 0 ? inside : t[l];  // a result must not depend on the patches beside it
             moving[l] *= std::abs(next - t[l]) < 1e-6 ? 0.0 : 1.0;  // quadratically: the step just taken is exact
             t[l] = next;
             left += moving[l];

@@ -97,11 +97,9 @@ def _is_folded(panels: QuadraticTriangles, flat: TriangleVectors) -> Bool[np.nda
     # Nearly flat panels cannot fold.
     folded = np.abs(rise).max(axis=(1, 2)) * longest_edges(panels) > 0.05 * twice_area
     suspect = panels[folded]
-    steep = np.zeros(len(suspect), dtype=bool)
-    for node in NODE_REFERENCES:
-        normal = normals_at(suspect, node)
-        steep |= np.einsum("td,td->t", normal, flat[folded]) < 0.5 * np.linalg.norm(normal, axis=1)
-    folded[folded] = steep
+    normals = normals_at(suspect, NODE_REFERENCES)
+    upright = np.einsum("tnd,td->tn", normals, flat[folded])
+    folded[folded] = (upright < 0.5 * np.linalg.norm(normals, axis=2)).any(axis=1)
     return folded
 
 

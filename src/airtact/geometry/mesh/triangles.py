@@ -106,9 +106,15 @@ def middles_of(panels: QuadraticTriangles) -> tuple[PanelVectors, PanelVectors]:
     return middles, unit(normals)
 
 
-def normals_at(panels: QuadraticTriangles, reference: Real[np.ndarray, "2"]) -> PanelVectors:
-    """Return the outward normal vector of each panel, at the same reference point in all panels."""
-    return points_at(panels, np.broadcast_to(reference, (len(panels), 2)))[1]
+def normals_at(
+    panels: QuadraticTriangles, references: Real[np.ndarray, "points 2"]
+) -> Float64[np.ndarray, "panels points 3"]:
+    """Return outward normal vectors of each panel at reference points, the same in all panels.
+
+    The lengths of the vectors are Jacobians, as in ``points_at``.
+    """
+    along_u, along_v = (gradient @ panels for gradient in shape_gradients(references))
+    return np.cross(along_u, along_v)
 
 
 def with_middles(
@@ -213,8 +219,7 @@ def _volume_rule() -> Float64[np.ndarray, "functions 6"]:
 def panel_areas(panels: QuadraticTriangles) -> PanelSizes:
     """Return the area of each panel [m²], which is exact for flat panels."""
     references, weights = gauss_square(3)
-    along_u, along_v = (gradient @ panels for gradient in shape_gradients(references))
-    return np.linalg.norm(np.cross(along_u, along_v), axis=2) @ weights
+    return np.linalg.norm(normals_at(panels, references), axis=2) @ weights
 
 
 AnyTriangles = Int[np.ndarray, "triangles 3"]
@@ -416,20 +421,20 @@ class PanelTree:
     """A binary tree of boxes around curved panels.
 
     The corners of the boxes, ``lower`` and ``upper`` [m], are stored as a heap: box 1 contains all
-    panels, and box b contains boxes 2 b and 2 b + 1. The attribute ``order`` lists the indices of
-    the panels, leaf by leaf.
+    panels, and box b contains boxes 2 b and 2 b + 1. Each box of the last level contains the panel
+    in ``order``, or is empty and lies at infinity.
     """
 
     quadratic_triangles: QuadraticTriangles
-    order: Int64[np.ndarray, "panels"]
+    order: Int64[np.ndarray, "leaves"]
     lower: Float64[np.ndarray, "boxes 3"]
     upper: Float64[np.ndarray, "boxes 3"]
 
     @cached_property
     def _near(self) -> float:
         """Radius [m] of the first search for the closest panel: 1/20 of the median leaf size."""
-        leaves = len(self.lower) // 2
-        return 0.05 * float(np.median((self.upper - self.lower)[leaves:].max(axis=1)))
+        sizes = (self.upper - self.lower)[len(self.order) :].max(axis=1)
+        return 0.05 * float(np.median(sizes[sizes >= 0]))
 
     def closest(
         self, points: Points, within: PointLengths | None = None
@@ -464,14 +469,21 @@ def panel_tree(panels: QuadraticTriangles) -> PanelTree:
     # A quadratic panel lies in the convex hull of its Bézier control points.
     control_points = 2 * panels[:, 3:] - 0.5 * (corners + np.roll(corners, -1, axis=1))
     hull = np.concatenate([corners, control_points], axis=1)
-    order = KDTree(panels.mean(axis=1), leafsize=1).indices.astype(np.int64)
-    leaves = 1 << (len(order) - 1).bit_length()
-    padded = np.full(leaves, order[-1])
-    padded[: len(order)] = order
-    lower = np.zeros((2 * leaves, 3))
-    upper = np.zeros((2 * leaves, 3))
-    lower[leaves:] = hull.min(axis=1)[padded]
-    upper[leaves:] = hull.max(axis=1)[padded]
+    # The k-d tree halves the panels down to single ones. The boxes must follow the same halves, or
+    # they overlap and a search visits twice as many. A half of one panel leaves the other empty.
+    by_place = KDTree(panels.mean(axis=1), leafsize=1).indices.astype(np.int64)
+    starts = np.array([0, len(panels)])
+    while (np.diff(starts) > 1).any():
+        middles = (starts[:-1] + starts[1:]) // 2
+        starts = np.append(np.stack([starts[:-1], middles], axis=1), starts[-1])
+    filled = np.diff(starts) > 0
+    leaves = len(filled)
+    order = np.zeros(leaves, dtype=np.int64)
+    order[filled] = by_place
+    lower = np.full((2 * leaves, 3), np.inf)
+    upper = np.full((2 * leaves, 3), -np.inf)
+    lower[leaves:][filled] = hull.min(axis=1)[by_place]
+    upper[leaves:][filled] = hull.max(axis=1)[by_place]
     while leaves > 1:
         children = slice(leaves, 2 * leaves)
         leaves //= 2
