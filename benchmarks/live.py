@@ -37,7 +37,7 @@ from airtact.hands.kinematics import turned
 from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 from airtact.hands.tracking.messages import to_json
 from airtact.live.drives.bending import BendingHand, SkinSources
-from airtact.live.drives.factors import HandFactors, PartSolver, solved
+from airtact.live.drives.factors import HandFactors, PartSolver
 from airtact.live.drives.maker import HandAware, solved_for
 from airtact.live.drives.solver_process import Request, SolverProcess, solved_ahead
 from airtact.live.moment import Controls, Rule
@@ -486,7 +486,9 @@ def solves(seconds: float) -> None:
             joints, "phalanges", then
         ),
         "the whole hand, on panels that bend (4 asked)": bending.solved,
-        "the whole hand, meshed anew": lambda joints, then: solved(scene, joints, "hand", then),
+        "the whole hand, meshed anew": lambda joints, then: PartSolver(scene).meshed(
+            joints, "hand", then
+        ),
     }
     with threadpool_limits(1):
         for what, solve in ways.items():

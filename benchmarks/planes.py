@@ -20,7 +20,7 @@ import airtact as at
 from airtact.acoustics.solvers.bem.solutions import assemble, transposed_right_side
 from airtact.acoustics.solvers.shared import gmres
 from airtact.hands.hand import hand_from_joints
-from airtact.live.drives.factors import OpenAir, solved
+from airtact.live.drives.factors import OpenAir, PartSolver
 from airtact.live.scene import foci_on
 from references import before_a_plane
 from references.motions import pinch_pose
@@ -203,7 +203,7 @@ def live_rows() -> Iterator[str]:
         shares = []
         for known in (replace(without, planes=(table,)), without):
             for part in ("hand", "phalanges"):
-                factors = solved(known, hand.joints, part, 0.0).factors
+                factors = PartSolver(known).meshed(hand.joints, part, 0.0).factors
                 rows = known.with_images.folded(OpenAir(known).rows(target.points) * factors)
                 drive = at.weighted_gerchberg_saxton(at.TransferMatrix(rows, float("nan")), target)
                 shares.append(_at_weakest(exact, drive.amplitudes) / best)

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 import airtact as at
 from airtact import Echoes
-from airtact.live.drives.factors import part_of, rigid_part
+from airtact.live.drives.factors import part_of
 from airtact.live.scene import pose_hand
 from airtact.sensing import (
     Located,
@@ -241,7 +241,7 @@ def hand(count: int) -> None:
             live.medium, [at.sound_hard(one) for one in surfaces], frequency=live.frequency
         )
 
-    phalanges = air([rigid_part(own, place) for place in live.places])
+    phalanges = air([part_of(own, "phalanges", [place], 3e-3) for place in live.places])
     own_matrix = at.scattering_matrix(at.BoundaryElement(accuracy=0.005, estimate=False), phalanges)
     codes, truth = (
         random_codes(len(live.array), 8, seed=1),

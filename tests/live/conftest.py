@@ -3,7 +3,7 @@
 import pytest
 
 import airtact as at
-from airtact.live.drives.factors import solved
+from airtact.live.drives.factors import PartSolver
 from airtact.live.scene import pose_hand
 from live.live_scenes import VirtualClock, one_board, open_pinch
 
@@ -38,7 +38,7 @@ def joints():
 
 @pytest.fixture(scope="session")
 def phalanges(board, joints):
-    return solved(board, joints, "phalanges", 0.0)
+    return PartSolver(board).meshed(joints, "phalanges", 0.0)
 
 
 @pytest.fixture(scope="session")

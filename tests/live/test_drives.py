@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.live.drives.factors import HandFactors, OpenAir, PartSolver, RigidParts, solved
+from airtact.live.drives.factors import HandFactors, OpenAir, PartSolver, RigidParts
 from airtact.live.drives.solver_process import Request, SolverProcess
 from airtact.live.scene import gap_change, pose_hand, turn
 from live.live_scenes import Ready, correlations
@@ -36,7 +36,9 @@ def test_an_element_reaches_nothing_behind_its_face(board, joints):
 
 @pytest.mark.parametrize(("part", "least"), [("phalanges", 0.8), ("hand", 0.95)])
 def test_a_still_hand_gets_nearly_what_the_whole_solution_gives(board, joints, exact, part, least):
-    maker = at.live.HandAware(board, noise=1e-4, solvers=[Ready(solved(board, joints, part, 0.0))])
+    maker = at.live.HandAware(
+        board, noise=1e-4, solvers=[Ready(PartSolver(board).meshed(joints, part, 0.0))]
+    )
     maker.take(seen(joints))
     moment = maker.make(0.01, at.live.Controls())
     best = at.weighted_gerchberg_saxton(exact, at.Target(exact.foci))
@@ -50,7 +52,7 @@ def test_factors_ride_along_with_a_hand_that_moves_as_a_whole(board, joints, pha
     pose = at.Pose.turn((0.3, 1.0, 0.2), 0.06, translation=(0.004, -0.003, 0.005))
     moved = pose.apply(joints - middle) + middle
     posed = pose_hand(board, moved)
-    fresh = solved(board, moved, "phalanges", 0.0)
+    fresh = PartSolver(board).meshed(moved, "phalanges", 0.0)
     rows = OpenAir(board).rows(posed.foci)
     assert gap_change(posed.distances, phalanges.distances) < 1e-9
     assert 0.02 < turn(posed.directions, phalanges.directions) < 0.1
@@ -63,7 +65,7 @@ def test_phalanges_as_one_body_are_solved_on_panels_of_a_similar_pose(board, joi
     for gap in (0.008, 0.010):
         pose = np.array(hand.open_to(gap).joints)
         moved = solver.meshed(pose, "phalanges", 0.0)
-    rows, fresh = OpenAir(board).rows(moved.foci), solved(board, pose, "phalanges", 0.0)
+    rows, fresh = OpenAir(board).rows(moved.foci), PartSolver(board).meshed(pose, "phalanges", 0.0)
     assert correlations(rows * moved.factors, rows * fresh.factors).min() > 0.99
 
 

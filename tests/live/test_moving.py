@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.live.drives.factors import OpenAir, solved
+from airtact.live.drives.factors import OpenAir, PartSolver
 from airtact.live.drives.moving import Rounds, aligned, moving_points
 from airtact.live.scene import pose_hand
 from faults import raises_code
@@ -44,7 +44,7 @@ def joints(setup):
 
 @pytest.fixture(scope="module")
 def phalanges(scene, joints):
-    return solved(scene, joints, "phalanges", 0.0)
+    return PartSolver(scene).meshed(joints, "phalanges", 0.0)
 
 
 def test_paths_are_those_of_the_scene_and_ride_with_the_hand(setup, scene, joints):
@@ -91,7 +91,7 @@ def test_a_newer_round_steps_no_farther_than_a_round_itself_at_the_link(
     tmp_path, joints, modulation
 ):
     scene = at.live.live_scene(scene_file(tmp_path, modulation))
-    found = solved(scene, joints, "phalanges", 0.0)
+    found = PartSolver(scene).meshed(joints, "phalanges", 0.0)
     maker, link, rounds = (
         at.live.HandAware(scene, solvers=[Ready(found)]),
         at.emission.RecordingLink("autd3", 4),

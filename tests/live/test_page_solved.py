@@ -7,16 +7,17 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.live.drives.factors import OpenAir, part_of, solved
+from airtact.live.drives.bending import BendingHand
+from airtact.live.drives.factors import OpenAir, PartSolver, part_of
+from airtact.live.page.process import Shown
 from airtact.live.page.sound import (
     SLICE_POINTS,
     SLICE_SIZE,
     Section,
-    SoundProcess,
     SoundRequest,
-    SoundSolver,
+    solved_sound,
 )
-from airtact.live.page.view import MovingSkin
+from airtact.live.page.view import MovingSkin, View
 from airtact.live.scene import LiveScene, pose_hand
 from live.live_scenes import direct_sound, one_board, playing
 
@@ -59,13 +60,16 @@ def test_a_focus_gets_what_a_beacon_there_sends_to_the_array() -> None:
     foci = pose_hand(scene, moment.joints).foci
     rows = OpenAir(scene).rows(foci)
     amplitudes = rows.conj().sum(axis=0) / np.abs(rows.sum(axis=0)).max()
-    sent = np.abs((rows * solved(scene, moment.joints, "hand", 0.0).factors) @ amplitudes)
-    solver, skin = SoundSolver(scene), np.zeros((1, 3))
+    sent = np.abs(
+        (rows * PartSolver(scene).meshed(moment.joints, "hand", 0.0).factors) @ amplitudes
+    )
+    hand, skin = BendingHand(scene, accuracy=0.1, min_seen=0.0), np.zeros((1, 3))
     for focus, expected in zip(foci, sent, strict=True):
         section = Section(
             focus + 0.5 * SLICE_SIZE / (SLICE_POINTS - 1) * np.array([1.0, 0.0, 1.0]), "y", 0.0
         )
-        sound = solver.solved(SoundRequest(0.0, moment.joints, foci, amplitudes, skin, section))
+        request = SoundRequest(0.0, moment.joints, foci, amplitudes, skin, section)
+        sound = solved_sound(scene, hand, request)
         nearest = np.argmin(np.linalg.norm(section.points() - focus, axis=1))
         np.testing.assert_allclose(section.points()[nearest], focus, atol=1e-9)
         assert np.abs(sound.field[nearest]) == pytest.approx(expected, rel=0.1)
@@ -75,10 +79,10 @@ def test_a_focus_gets_what_a_beacon_there_sends_to_the_array() -> None:
 def test_skin_and_slice_are_those_of_a_finer_solution() -> None:
     scene = one_board()
     first, moment = playing(scene, 0.0), playing(scene, 0.26)
-    solver = SoundSolver(scene)
-    solver.solved(asked(scene, first))
+    solver = BendingHand(scene, accuracy=0.1, min_seen=0.0)
+    solved_sound(scene, solver, asked(scene, first))
     what = asked(scene, moment)
-    sound, points = solver.solved(what), what.section.points()
+    sound, points = solved_sound(scene, solver, what), what.section.points()
     fine = at.BoundaryElement(accuracy=0.03)
     hand = at.hand_from_joints(moment.joints, scene.radii, side="left")
     body = part_of(hand, "hand", scene.places, fine.panel_edge(scene.medium.wavelength(40e3)))
@@ -102,11 +106,10 @@ def test_skin_and_slice_are_those_of_a_finer_solution() -> None:
 
 def test_a_solver_that_has_died_leaves_the_page_without_sound() -> None:
     scene = one_board()
-    solving = SoundProcess(scene)
-    solving._worker.process.kill()
-    solving._worker.process.wait()
-    what = asked(scene, playing(scene))
+    view = View(scene)
+    view._solver.process.kill()
+    view._solver.process.wait()
     for _ in range(3):
-        solving.ask(what)
-    assert solving.newest is None
-    solving.close()
+        picture = view.picture(Shown(playing(scene)), "y", 0.0, None)
+    assert "sound" not in picture.facts
+    view._solver.close()

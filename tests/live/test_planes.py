@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.live.drives.factors import OpenAir, solved
+from airtact.live.drives.factors import OpenAir, PartSolver
 from airtact.live.safety import Workspace
 from airtact.live.scene import LiveScene, foci_on
 from live.live_scenes import Ready, direct_sound, one_board, open_pinch
@@ -52,7 +52,7 @@ def exact() -> at.TransferMatrix:
 
 @cache
 def solution(table: bool, part: str):
-    return solved(over() if table else before(), JOINTS, part, 0.0)
+    return PartSolver(over() if table else before()).meshed(JOINTS, part, 0.0)
 
 
 def drive_of(scene: LiveScene, part="hand", method: str | None = None) -> np.ndarray:
@@ -105,7 +105,7 @@ def test_foci_that_move_know_the_table() -> None:
     moving = at.live.MovingFoci(places, np.zeros((4, 2, 3)), 400.0, "still")
     scene = replace(over(), moving=moving)
     maker = at.live.HandAware(
-        scene, noise=1e-4, solvers=[Ready(solved(scene, JOINTS, "phalanges", 0.0))]
+        scene, noise=1e-4, solvers=[Ready(PartSolver(scene).meshed(JOINTS, "phalanges", 0.0))]
     )
     maker.take(at.hands.HandFrame(0.0, "left", 0, JOINTS))
     frames = maker.make(0.01, at.live.Controls()).frames

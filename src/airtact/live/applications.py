@@ -6,6 +6,8 @@ import time
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
+import msgspec
+
 from airtact.errors import InvalidInput
 from airtact.hands.tracking.receivers import MAX_MESSAGE, WebSocketReceiver
 from airtact.hands.tracking.stream import HandStream
@@ -17,7 +19,6 @@ from airtact.live.messages import (
     StateMessage,
     is_message,
     read_message,
-    written,
 )
 from airtact.live.world import World
 
@@ -76,7 +77,12 @@ class ApplicationServer(WebSocketReceiver):
             self._report(connection, source)
             return False
         try:
-            self._process(message, source)
+            raw = message.encode() if isinstance(message, str) else message
+            if is_message(raw):
+                self._sent.setdefault(source, (-1.0, None))
+                take_text(raw, source, self.stream, self._world)
+            elif fault := self.stream.feed_json(raw, source):
+                raise fault
         except InvalidInput as fault:
             # Faulty frames of trackers are counted in the health of the stream.
             if source in self._sent or fault.code == "unreadable":
@@ -87,17 +93,6 @@ class ApplicationServer(WebSocketReceiver):
             self._report(connection, source)
         self._world.alive(source)
         return True
-
-    def _process(self, text: bytes | str, source: str) -> None:
-        """Process a message, or raise ``InvalidInput``."""
-        raw = text.encode() if isinstance(text, str) else text
-        if not is_message(raw):
-            fault = self.stream.feed_json(raw, source)
-            if fault is not None:
-                raise fault
-            return
-        self._sent.setdefault(source, (-1.0, None))
-        take_text(raw, source, self.stream, self._world)
 
     def _report(self, connection: "ServerConnection", source: str) -> None:
         """Send the newest state to an application if a new state is due."""
@@ -120,10 +115,10 @@ def take_text(text: bytes | str, source: str, stream: HandStream, world: World) 
     """
     message = read_message(text)
     if isinstance(message, HandsMessage):
+        # A fault of one hand must not discard the other.
         faults = [stream.feed_json(bytes(frame), source) for frame in message.hands]
-        for fault in faults:
-            if fault is not None:
-                raise fault
+        for fault in filter(None, faults):
+            raise fault
     world.receive(message, source)
 
 
@@ -134,4 +129,4 @@ def _send(connection: "ServerConnection", answer: Answer) -> None:
     except (OSError, ValueError):  # the socket was just closed
         return
     if ready:
-        connection.send(written(answer).decode())
+        connection.send(msgspec.json.encode(answer), text=True)

@@ -6,7 +6,7 @@ from contextlib import suppress
 from threading import Event, Thread
 from typing import TYPE_CHECKING
 
-from msgspec import Raw
+import msgspec
 
 from airtact.errors import InvalidInput, extra, positive
 from airtact.geometry.pose import Pose
@@ -25,7 +25,6 @@ from airtact.live.messages import (
     RejectedMessage,
     StateMessage,
     read_answer,
-    written,
 )
 from airtact.live.world import WantedFocus
 from airtact.touch.objects import VirtualObject, objects_of
@@ -76,10 +75,10 @@ class Client:
             from websockets.exceptions import InvalidHandshake, InvalidURI
             from websockets.sync.client import connect
         end = time.monotonic() + positive(timeout, "the timeout", "s")
-        connection = None
-        while connection is None:
+        while True:
             try:
-                connection = connect(address, compression=None)
+                self._connection: ClientConnection = connect(address, compression=None)
+                break
             except (OSError, InvalidHandshake, InvalidURI) as fault:
                 if not isinstance(fault, ConnectionRefusedError) or time.monotonic() > end:
                     raise InvalidInput(
@@ -88,7 +87,6 @@ class Client:
                         code="link_failed",
                     ) from None
                 time.sleep(0.05)
-        self._connection: ClientConnection = connection
         self.rejected: deque[str] = deque(maxlen=16)
         self._state: StateMessage | None = None
         self._new = Event()
@@ -142,7 +140,7 @@ class Client:
 
     def hands(self, *frames: HandFrame) -> None:
         """Send frames of the left hand, the right hand or both, in the tracker's coordinates."""
-        self._send(HandsMessage(VERSION, [Raw(to_json(frame)) for frame in frames]))
+        self._send(HandsMessage(VERSION, [msgspec.Raw(to_json(frame)) for frame in frames]))
 
     def clear(self) -> None:
         """Remove all foci and objects of this client."""
@@ -152,7 +150,7 @@ class Client:
         from websockets.exceptions import ConnectionClosed
 
         try:
-            self._connection.send(written(message).decode())
+            self._connection.send(msgspec.json.encode(message), text=True)
         except ConnectionClosed:
             raise InvalidInput(
                 "the live loop has closed the connection; start it again.", code="link_failed"

@@ -224,7 +224,9 @@ def follow(
             closing.callback(session.close)
         closing.callback(hands.close)
         closing.enter_context(output)
-        closing.enter_context(_brief_collections())
+        # Garbage collection omits all objects that exist now, so that it takes about 1 ms.
+        gc.freeze()
+        closing.callback(gc.unfreeze)
         if session is not None:
             session.begin()
         controls = controls or Controls()
@@ -308,7 +310,26 @@ class _Loop:
         status = self.status(health, hands.remark())
         report(status)
         self._fade_out()
-        return self.summary(seconds, health, status)
+        ages = [played["age"] for played in self.played] or [np.nan]
+        rate = 0.0
+        if len(self.played) > 1:
+            rate = (len(self.played) - 1) / (self.played[-1]["sent"] - self.played[0]["sent"])
+        return Followed(
+            seconds=seconds,
+            frames=self.frames,
+            drives=self.drives,
+            rate=rate,
+            age=float(np.median(ages)),
+            oldest=float(np.percentile(ages, 95)),
+            delay=float(np.percentile(self.delays, 95)) if self.delays else np.nan,
+            kept=_median([played["kept"] for played in self.played]),
+            faded=dict(self.faded),
+            dropped=0 if self.session is None else self.session.dropped,
+            health=health,
+            stopped=self.output.stopped,
+            state=status.state,
+            processes=status.processes,
+        )
 
     def arrived(self, frame: HandFrame, now: float) -> None:
         """Record the arrival of a frame; called from the thread that received it."""
@@ -460,12 +481,13 @@ class _Loop:
         self._note(moment, sent, before)
         self.world.show(moment, self.fault, share * cap)
         if on:
-            played = {
-                "sent": sent,
-                "age": self.clock.time(sent) - moment.frame_time,
-                "kept": np.nan if moment.kept is None else moment.kept,
-            }
-            self.played.append(played)
+            self.played.append(
+                {
+                    "sent": sent,
+                    "age": self.clock.time(sent) - moment.frame_time,
+                    "kept": np.nan if moment.kept is None else moment.kept,
+                }
+            )
             self._took(reached - now)
 
     def _took(self, seconds: float) -> None:
@@ -568,6 +590,11 @@ class _Loop:
             state = "no contact"
         parts = [state, health.rejected_since(self.healthy), remark]
         state = "; ".join(part for part in parts if part)
+        # Restart solvers that ended, and report all processes that ended.
+        restarts = self.maker.revive()
+        ended = [f"solvers ended and restarted: {restarts}"] if restarts else []
+        if self.page is not None and self.page.ended:
+            ended.append("the page's process ended")
         if self.fault is None:
             self.healthy = health
         span = 2.0 * REPORT_INTERVAL
@@ -576,54 +603,13 @@ class _Loop:
             span = min(span, max(now - self.played[0]["sent"], REPORT_INTERVAL))
         return Status(
             state,
-            self._ended_processes(),
+            ", ".join(ended),
             len(recent) / span,
             _median([played["age"] for played in recent]),
             _median([played["kept"] for played in recent]),
             None if self.session is None else self.session.fault,
             self.world.rejection,
         )
-
-    def _ended_processes(self) -> str:
-        """Restart solvers that ended, and return the names of all processes that ended."""
-        ended = []
-        if restarts := self.maker.revive():
-            ended.append(f"solvers ended and restarted: {restarts}")
-        if self.page is not None and self.page.ended:
-            ended.append("the page's process ended")
-        return ", ".join(ended)
-
-    def summary(self, seconds: float, health: StreamHealth, status: Status) -> Followed:
-        ages = [played["age"] for played in self.played] or [np.nan]
-        rate = 0.0
-        if len(self.played) > 1:
-            rate = (len(self.played) - 1) / (self.played[-1]["sent"] - self.played[0]["sent"])
-        return Followed(
-            seconds=seconds,
-            frames=self.frames,
-            drives=self.drives,
-            rate=rate,
-            age=float(np.median(ages)),
-            oldest=float(np.percentile(ages, 95)),
-            delay=float(np.percentile(self.delays, 95)) if self.delays else np.nan,
-            kept=_median([played["kept"] for played in self.played]),
-            faded=dict(self.faded),
-            dropped=0 if self.session is None else self.session.dropped,
-            health=health,
-            stopped=self.output.stopped,
-            state=status.state,
-            processes=status.processes,
-        )
-
-
-@contextmanager
-def _brief_collections() -> Iterator[None]:
-    """Exclude all objects that exist now from garbage collection, so that it takes about 1 ms."""
-    gc.freeze()
-    try:
-        yield
-    finally:
-        gc.unfreeze()
 
 
 @contextmanager

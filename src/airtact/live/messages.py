@@ -26,11 +26,11 @@ from airtact.setup.touching import SOLIDS, object_of
 from airtact.touch.objects import MAX_OBJECTS, VirtualObject
 from airtact.touch.textures import Grating
 
+# Version of the message format.
 VERSION = 1
-"""Version of the message format."""
 
+# Largest number of foci per application.
 MAX_FOCI = 16
-"""Largest number of foci per application."""
 
 Name = Annotated[str, Meta(min_length=1, max_length=64)]
 Version = Annotated[int, Meta(ge=VERSION, le=VERSION)]
@@ -121,19 +121,17 @@ class ObjectMessage(
             start, end = shape.axis
             message["capsule"] = {"start": start, "end": end, "radius": shape.radius}
         elif isinstance(thing.shape, Surface):
-            mesh = {"vertices": thing.shape.vertices, "triangles": thing.shape.triangles}
-            message["mesh"] = mesh
+            message["mesh"] = {
+                "vertices": thing.shape.vertices,
+                "triangles": thing.shape.triangles,
+            }
         else:
             key = next(key for key, kind in SOLIDS.items() if kind == type(shape).__name__)
             message[key] = _fields_of(shape)
         if isinstance(thing.texture, Grating):
             message["grating"] = _fields_of(thing.texture)
         # Arrays become lists.
-        plain = msgspec.to_builtins(message, enc_hook=np.ndarray.tolist)
-        try:
-            return msgspec.convert(plain, cls)
-        except msgspec.ValidationError as error:
-            raise _explained(error) from None
+        return converted(msgspec.to_builtins(message, enc_hook=np.ndarray.tolist), cls)
 
     def made(self) -> VirtualObject:
         """Build the object without computing the distance grid of a mesh, which takes about 1 s."""
@@ -404,14 +402,10 @@ def read_message(text: bytes | str) -> Message:
         ) from None
 
 
-def converted(data: dict[str, Any]) -> Message:
-    """Convert keys and values to a message.
-
-    Raise ``InvalidInput`` if the type is unknown, the version is not supported, or a value is
-    invalid.
-    """
+def converted(data: dict[str, Any], kind: Any) -> Any:
+    """Convert keys and values to a message, or raise ``InvalidInput`` if a value is invalid."""
     try:
-        return msgspec.convert(data, Message)
+        return msgspec.convert(data, kind)
     except msgspec.ValidationError as error:
         raise _explained(error) from None
 
@@ -445,11 +439,6 @@ def read_answer(text: bytes | str) -> Answer | None:
 
 def _fields_of(value: Any) -> dict[str, Any]:
     return {entry.name: getattr(value, entry.name) for entry in fields(value)}
-
-
-def written(message: Message | Answer) -> bytes:
-    """Encode a message as JSON."""
-    return msgspec.json.encode(message)
 
 
 def message_schema() -> str:

@@ -36,14 +36,11 @@ ARGUMENTS = {
     "reply": "port",
 }
 
-# A sender receives no more states if it sends nothing for this long [s].
-REPLY_TIME = 5.0
-
 
 class OscServer:
     """OSC server for trackers and applications; each sender receives the newest state in return.
 
-    Use it in a ``with`` block. The server listens from its construction to the end of the block.
+    The server listens from its construction until ``close`` is called.
 
     Parameters
     ----------
@@ -76,12 +73,6 @@ class OscServer:
         self._thread = Thread(target=self._listen, name="airtact osc", daemon=True)
         self._thread.start()
 
-    def __enter__(self) -> "OscServer":
-        return self
-
-    def __exit__(self, *fault: object) -> None:
-        self.close()
-
     def close(self) -> None:
         """Stop listening."""
         self._closed = True
@@ -102,8 +93,9 @@ class OscServer:
                 continue
             sent = now
             state = self._world.state
+            # A sender that sent nothing for 5 s receives no more states.
             self._heard = {
-                sender: heard for sender, heard in self._heard.items() if now - heard < REPLY_TIME
+                sender: heard for sender, heard in self._heard.items() if now < heard + 5.0
             }
             if not self._heard:
                 continue
@@ -142,16 +134,16 @@ class OscServer:
     def _process(self, address: str, values: Sequence[Any], sender: tuple[str, int]) -> None:
         source = f"{sender[0]}:{sender[1]}"
         kind = address.removeprefix("/airtact/")
+        values = _checked(kind, values)
         if kind == "hand":
-            side, taken, sequence, *numbers = _checked(kind, values)
+            side, taken, sequence, *numbers = values
             points = [numbers[index : index + 3] for index in range(0, len(numbers), 3)]
             frame = {"time": taken, "side": side, "sequence": sequence, "landmarks": points or None}
-            fault = self._stream.feed_json(msgspec.json.encode(frame), source)
-            if fault is not None:
+            if fault := self._stream.feed_json(msgspec.json.encode(frame), source):
                 raise fault
             self._world.alive(source)
         elif kind == "reply":
-            (port,) = _checked(kind, values)
+            (port,) = values
             if not (isinstance(port, int) and 0 < port < 65536):
                 raise InvalidInput(
                     f"{port!r} is not a valid port for replies; use 1 to 65535.",
@@ -160,8 +152,7 @@ class OscServer:
             if len(self._ports) < 64:
                 self._ports[sender[0]] = port
         elif kind == "json":
-            text = str(_checked(kind, values)[0])
-            take_text(text, source, self._stream, self._world)
+            take_text(str(values[0]), source, self._stream, self._world)
         else:
             self._world.receive(message_of(kind, values), source, keep=True)
 
@@ -173,14 +164,13 @@ class OscServer:
 
 
 def message_of(kind: str, values: Sequence[Any]) -> Message:
-    """Convert an OSC address (without its prefix /airtact/) and its arguments to a message.
+    """Convert a known OSC address (without its prefix /airtact/) and its arguments to a message.
 
     Raises
     ------
     InvalidInput
-        If the address is unknown, the number of arguments is wrong, or a value is invalid.
+        If a value is invalid.
     """
-    values = _checked(kind, values)
     name, *numbers = values or [""]
     data: dict[str, Any] = {"version": VERSION, "type": "clear"}
     if kind in ("focus", "focus/place"):
@@ -201,7 +191,7 @@ def message_of(kind: str, values: Sequence[Any]) -> Message:
             shape = {"radius": numbers[3]} if kind == "object/sphere" else {"sides": numbers[3:]}
             thing[kind.removeprefix("object/")] = shape
             data |= {"type": "objects", "add": [thing]}
-    return converted(data)
+    return converted(data, Message)
 
 
 def _checked(kind: str, values: Sequence[Any]) -> list[Any]:

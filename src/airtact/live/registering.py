@@ -293,26 +293,22 @@ def with_tracker(text: str, pose: Pose) -> str:
     values = _values(pose)
     lines = text.splitlines(keepends=True)
     header = re.compile(r"\s*\[\s*tracker\s*\]")
-    starts = [index for index, line in enumerate(lines) if header.match(line)]
-    if starts:
-        start = starts[0] + 1
-        end = start
-        depth = 0  # of brackets: a row of a matrix begins like the header of a table
-        kept = []
-        while end < len(lines) and (depth or not lines[end].lstrip().startswith("[")):
-            line, hash_sign, comment = lines[end].partition("#")
-            key = line.partition("=")[0].strip()
-            if depth == 0 and key in values and hash_sign:
-                values[key] += f" #{comment.rstrip()}"
-            if not depth and key not in ("axis", "degrees", "rotation", "translation"):
-                kept.append(lines[end])
-            depth += line.count("[") - line.count("]")
-            end += 1
-        new = [f"{key} = {value}\n" for key, value in values.items()]
-        changed = "".join([*lines[:start], *new, *kept, *lines[end:]])
-    else:
-        table = "".join(f"{key} = {value}\n" for key, value in values.items())
-        changed = f"{text.rstrip()}\n\n[tracker]\n{table}"
+    if not any(map(header.match, lines)):
+        lines = [text.rstrip(), "\n\n[tracker]\n"]
+    start = end = 1 + next(index for index, line in enumerate(lines) if header.match(line))
+    depth = 0  # of brackets: a row of a matrix begins like the header of a table
+    kept = []
+    while end < len(lines) and (depth or not lines[end].lstrip().startswith("[")):
+        line, hash_sign, comment = lines[end].partition("#")
+        key = line.partition("=")[0].strip()
+        if depth == 0 and key in values and hash_sign:
+            values[key] += f" #{comment.rstrip()}"
+        if not depth and key not in ("axis", "degrees", "rotation", "translation"):
+            kept.append(lines[end])
+        depth += line.count("[") - line.count("]")
+        end += 1
+    new = [f"{key} = {value}\n" for key, value in values.items()]
+    changed = "".join([*lines[:start], *new, *kept, *lines[end:]])
     try:
         after = tomllib.loads(changed)
         before = tomllib.loads(text)

@@ -119,8 +119,7 @@ def run(
         # Without a page, nothing can make the loop consider the hand again.
         solvers = [] if ignore_hand and page is None else None
         if scene.both:
-            rest = setup.hands[0] if setup.hands else None
-            maker = TouchAware(scene, solvers=solvers, rest=rest)
+            maker = TouchAware(scene, solvers=solvers, rest=setup.hands[0] if setup.hands else None)
         else:
             maker = HandAware(scene, solvers=solvers)
         address = "" if shown is None else f"; page: {shown.address}"

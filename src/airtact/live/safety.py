@@ -37,11 +37,7 @@ class Workspace:
             check_reach(self._scene.array, foci)
         except InvalidInput as fault:
             return f"left the workspace: {fault}"
-        for plane in self._scene.planes:
-            lowest = float(plane.height(foci).min())
-            if lowest < 0.0:
-                return f"through the plane: a focus is {millimetres(-lowest)} behind it"
-        return None
+        return self._behind_plane(foci, "a focus")
 
     def fault(self, joints: Joints, foci: Foci) -> str | None:
         """Return a short reason why a hand must not receive sound, or None if it may."""
@@ -60,10 +56,13 @@ class Workspace:
         room = float((distances - radii).min()) - self._radius
         if room < 0.0:
             return f"through the array's face: the skin is {millimetres(-room)} too close"
+        return self._behind_plane(joints, "a joint")
+
+    def _behind_plane(self, points: Foci, what: str) -> str | None:
         for plane in self._scene.planes:
-            lowest = float(plane.height(joints).min())
+            lowest = float(plane.height(points).min())
             if lowest < 0.0:
-                return f"through the plane: a joint is {millimetres(-lowest)} behind it"
+                return f"through the plane: {what} is {millimetres(-lowest)} behind it"
         return None
 
 

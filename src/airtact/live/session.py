@@ -389,7 +389,8 @@ FRAME_LAYOUT = {
     "frames/side": "optional whole *",
 }
 
-SCENE_LAYOUT = {
+SESSION_LAYOUT = {
+    **FRAME_LAYOUT,
     "@frequency": "real",
     "@sound_speed": "real",
     "@density": "real",
@@ -411,9 +412,6 @@ SCENE_LAYOUT = {
     "array/face_points": "real nodes 3",
     "array/face_weights": "real nodes",
     "hand/radii": "optional real 25",
-}
-
-DRIVE_LAYOUT = {
     "@rules": "text *",
     "@states": "text *",
     "drives/amplitudes": "complex * elements",
@@ -450,7 +448,7 @@ def read_session(path: str | Path) -> Session:
         If the file cannot be read, is not a session, or was written by a newer version. The
         message begins with the name of the file.
     """
-    raw = _read(path, FRAME_LAYOUT | SCENE_LAYOUT | DRIVE_LAYOUT)
+    raw = _read(path, SESSION_LAYOUT)
     with about(Path(path).name):
         for name in ("amplitudes", "time_in_air", "frame_time"):
             check_finite(raw[f"drives/{name}"], name)

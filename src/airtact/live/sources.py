@@ -4,6 +4,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from itertools import count
 from threading import Event, Lock, Thread
 
 import numpy as np
@@ -167,16 +168,14 @@ class RecordedHands(HandSource):
         # The first frame of a round follows the last one of the previous round after the median
         # interval.
         duration = times[-1] - times[0] + float(np.median(np.diff(times)))
-        count = frames[-1].sequence - min(frame.sequence for frame in frames) + 1
-        rounds = 0
-        while True:
+        numbers = frames[-1].sequence - min(frame.sequence for frame in frames) + 1
+        for rounds in count():
             for frame in frames:
                 yield replace(
                     frame,
                     time=frame.time + rounds * duration,
-                    sequence=frame.sequence + rounds * count,
+                    sequence=frame.sequence + rounds * numbers,
                 )
-            rounds += 1
 
 
 class ReceivedHands(HandSource):
@@ -213,8 +212,7 @@ class ReceivedHands(HandSource):
         super().__init__(kind, tracker, world)
         check_choice(kind, "the kind of socket", ("websocket", "osc"))
         osc = kind == "osc"
-        server = OscServer if osc else ApplicationServer
-        self._server = server(self.stream, self.world, port)
+        self._server = (OscServer if osc else ApplicationServer)(self.stream, self.world, port)
         self.port: int = self._server.port
         self.words = f"{'OSC at ' if osc else 'ws://'}127.0.0.1:{self.port}"
 
@@ -237,12 +235,16 @@ def moved_to(recording: Recording, hand: Hand) -> Recording:
     mirror = np.array([1.0, 1.0, 1.0 if seen[0].side == hand.side else -1.0])
     joints = [mirror * frame.landmarks[palm] for frame in seen if frame.landmarks is not None]
     pose = Pose(*nearest_motion(np.mean(joints, axis=0), hand.joints[palm]))
-
-    def moved(frame: HandFrame) -> HandFrame:
-        landmarks = None if frame.landmarks is None else pose.apply(frame.landmarks * mirror)
-        return replace(frame, side=hand.side, landmarks=landmarks, cloud=None)
-
-    return replace(recording, frames=tuple(moved(frame) for frame in recording.frames))
+    frames = [
+        replace(
+            frame,
+            side=hand.side,
+            landmarks=None if frame.landmarks is None else pose.apply(frame.landmarks * mirror),
+            cloud=None,
+        )
+        for frame in recording.frames
+    ]
+    return replace(recording, frames=tuple(frames))
 
 
 def touching_motion(contacts: Contacts, hands: Sequence[Hand]) -> Recording:
@@ -254,10 +256,8 @@ def touching_motion(contacts: Contacts, hands: Sequence[Hand]) -> Recording:
     if not hands:
         return load_recording(example("grasping.jsonl"))
     skin = contacts.skin
-    depths = [np.zeros(len(skin.points))]
-    if contacts.virtual_objects:
-        depths = [thing.depth(skin.points) for thing in contacts.virtual_objects]
-    deepest = np.max(depths, axis=0)
+    depths = [thing.depth(skin.points) for thing in contacts.virtual_objects]
+    deepest = np.max(depths or [np.zeros(len(skin.points))], axis=0)
     nearest = int(deepest.argmax())
     # If the skin does not touch the object at rest, it moves on until it is 2 mm deep.
     reach = max(2e-3 - float(deepest[nearest]), 0.0)

@@ -36,14 +36,11 @@ from airtact.setup.parsing import nearest
 from airtact.touch.objects import MAX_OBJECTS, VirtualObject, objects_of
 from airtact.touch.solids import near_point
 
+# Time without a message after which an application loses its foci [s].
 SILENCE = 0.5
-"""Time without a message after which an application loses its foci [s]."""
 
+# Largest number of applications with foci.
 MAX_SOURCES = 64
-"""Largest number of applications with foci."""
-
-MAX_MODULATION = 20.0
-"""Largest modulation frequency of a focus [Hz]; drives are computed 60 times per second."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +103,8 @@ class WantedFocus:
         between(self.strength, 0.0, 1.0, f"the strength of {what}", "", "full strength is 1.")
         between(self.offset, 0.0, 0.1, f"the offset of {what}", "m")
         slip = "for higher frequencies, set the modulation of the scene."
-        between(self.modulation, 0.0, MAX_MODULATION, f"the modulation of {what}", "Hz", slip)
+        # Drives are computed 60 times per second.
+        between(self.modulation, 0.0, 20.0, f"the modulation of {what}", "Hz", slip)
 
     def message(self) -> FocusMessage:
         """Return the message that requests this focus."""
@@ -175,8 +173,7 @@ class World:
                     while name in wanted:
                         name += "'"
                     swing = 0.5 + 0.5 * np.cos(2.0 * np.pi * focus.modulation * now)
-                    strength = float(focus.strength * swing)
-                    wanted[name] = replace(focus, name=name, strength=strength)
+                    wanted[name] = replace(focus, name=name, strength=float(focus.strength * swing))
             return tuple(wanted.values())
 
     def take(self, text: bytes | str, source: str) -> str | None:
@@ -209,7 +206,10 @@ class World:
         elif isinstance(message, FociMessage):
             self._change_foci(message, source, keep)
         elif isinstance(message, ClearMessage):
-            self._clear(source)
+            with self._lock:
+                self._foci.pop(source, None)
+                self._heard.pop(source, None)
+                self._drop({source})
         self.alive(source)
 
     def alive(self, source: str) -> None:
@@ -287,10 +287,9 @@ class World:
         with self._lock:
             before, _ = self._added.get(message.name, (None, ""))
             present = next((thing for thing in self._objects if thing.name == message.name), None)
-        if before is not None and present is not None:
-            shape = msgspec.structs.replace(before, pose=message.pose)
-            if shape == message:
-                return replace(present, pose=message.pose.made())
+        moved = before is not None and msgspec.structs.replace(before, pose=message.pose) == message
+        if moved and present is not None:
+            return replace(present, pose=message.pose.made())
         thing = message.made()
         # Compute the distance grid of a mesh here, where the loop does not wait for it.
         thing.depth(np.zeros((1, 3)))
@@ -337,12 +336,6 @@ class World:
                     code="too_many",
                 )
             self._foci[source] = foci
-
-    def _clear(self, source: str) -> None:
-        with self._lock:
-            self._foci.pop(source, None)
-            self._heard.pop(source, None)
-            self._drop({source})
 
     def _drop(self, sources: set[str]) -> None:
         gone = {name for name, (_, owner) in self._added.items() if owner in sources}

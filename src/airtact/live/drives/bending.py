@@ -15,7 +15,6 @@ common phase follows the path through their centre.
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Complex64, Complex128, Float32, Float64, Int64
@@ -148,10 +147,10 @@ class SkinSources:
     posed, bones : the hand in the predicted pose, and its bones.
     points : (N, 3) positions of the sources [m].
     weights : (N, H) weight of each bone in the motion of each source.
-    strengths : (N, F) strength of each source in the solution for each focus [Pa·m].
     straight : (F,) strengths of the beacons: 1, or 2 for a beacon on the skin.
     leading : panels that are solved again in other poses.
-    rest : ``strengths`` minus those in a solution for the ``leading`` panels alone.
+    rest : (N, F) strength of each source in the solution for each focus [Pa·m], minus that in a
+        solution for the ``leading`` panels alone.
     """
 
     time: float
@@ -159,7 +158,6 @@ class SkinSources:
     bones: Bones
     points: Points
     weights: Weights
-    strengths: Complex128[np.ndarray, "points foci"]
     straight: Float64[np.ndarray, "foci"]
     leading: "LeadingPanels"
     rest: Complex128[np.ndarray, "points foci"]
@@ -193,8 +191,8 @@ class SkinSources:
         parts, begin = np.unique(owner[order], return_index=True)
         for part, first, last in zip(parts, begin, [*begin[1:], len(owner)], strict=True):
             of_bone = slice(first, last)
-            total = power[of_bone].sum(axis=0)
-            centres[part] = power[of_bone].T @ points[of_bone] / total[:, None]
+            centres[part] = power[of_bone].T @ points[of_bone]
+            centres[part] /= power[of_bone].sum(axis=0)[:, None]
             scattered = monopole_pressure(
                 elements, points[of_bone], strengths[of_bone], wavenumber, "float32"
             )
@@ -297,8 +295,7 @@ class BendingPanels:
         hand = posed.hand
         body = sound_hard(part_of(hand, "hand", scene.places))
         air = Scene(scene.medium, [body], frequency=scene.frequency)
-        solver = BoundaryElement(accuracy=accuracy, estimate=False)
-        panels = solver.moving_panels(air, posed.foci)
+        panels = BoundaryElement(accuracy=accuracy, estimate=False).moving_panels(air, posed.foci)
         self._elements = scene.with_images.array.positions
         self.panels = panels.facing(self._elements, min_seen)
         if min_seen:
@@ -312,13 +309,6 @@ class BendingPanels:
         self._inside_weights = hull_weights(hand.shape.hulls, self.panels.inside)
         self._heights = hand.shape.hulls.look(corners).distance
 
-    @cached_property
-    def _source_weights(self) -> Weights:
-        """Weight of each bone in the motion of each source, first those on panels."""
-        # The six sources on a panel move like the mean of its corners.
-        panel_weights = self._corner_weights.reshape(-1, 6, len(PARTS)).mean(axis=1)
-        return np.concatenate([np.repeat(panel_weights, 6, axis=0), self._inside_weights])
-
     def solved(self, posed: PosedHand, time: float) -> SkinSources:
         """Compute the scattering by the hand in another pose, predicted for ``time`` [s].
 
@@ -331,16 +321,19 @@ class BendingPanels:
         sources = solution.scattering
         if self._leading is None:
             mask = self._loudest(posed, sources)
-            self._leading = LeadingPanels(self._part(mask), _sources_on(mask))
+            # Each panel has six sources; two more inside for each panel follow those of all panels.
+            on_leading = np.concatenate([np.repeat(mask, 6), np.repeat(mask, 2)])
+            self._leading = LeadingPanels(self._part(mask), on_leading)
         rest = sources.strengths.copy()
         rest[self._leading.sources] -= self._leading.strengths(posed)
+        # The six sources on a panel move like the mean of its corners.
+        panel_weights = self._corner_weights.reshape(-1, 6, len(PARTS)).mean(axis=1)
         return SkinSources(
             time=time,
             posed=posed,
             bones=bones,
             points=sources.positions,
-            weights=self._source_weights,
-            strengths=sources.strengths,
+            weights=np.concatenate([np.repeat(panel_weights, 6, axis=0), self._inside_weights]),
             straight=solution.factors,
             leading=self._leading,
             rest=rest,
@@ -422,11 +415,6 @@ class LeadingPanels:
     def strengths(self, posed: PosedHand) -> Complex128[np.ndarray, "sources foci"]:
         """Return the strengths of the sources in a solution for these panels alone [Pa·m]."""
         return self.panels.radiated(posed)[1].scattering.strengths
-
-
-def _sources_on(mask: Bool[np.ndarray, "panels"]) -> Bool[np.ndarray, "sources"]:
-    """Select the sources on the panels of a mask: six on each, followed by two inside for each."""
-    return np.concatenate([np.repeat(mask, 6), np.repeat(mask, 2)])
 
 
 class BendingHand:

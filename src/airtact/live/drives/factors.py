@@ -111,13 +111,6 @@ def part_of(hand: Hand, part: str, places: Sequence[str], edge: float = 10e-3) -
     return _surface(HandShape(hulls, Pose.identity()), edge)
 
 
-def rigid_part(hand: Hand, place: str) -> Surface:
-    """Return the surface of the last phalanx, or of the palm, as a separate closed body."""
-    hulls = _selected(hand.shape.hulls, hulls_of("phalanges", [place]))
-    # This edge length [m] is small enough to tell close bodies apart.
-    return _surface(HandShape(hulls, Pose.identity()), 3e-3)
-
-
 def _selected(hulls: Hulls, chosen: list[int]) -> Hulls:
     table = np.ix_(chosen, chosen)
     # Keep only the balls that these hulls use. A hull of two balls has index -1 for the third.
@@ -134,26 +127,6 @@ def _selected(hulls: Hulls, chosen: list[int]) -> Hulls:
 def _surface(shape: HandShape, edge: float) -> Surface:
     skin = shape.skin(edge)  # closed, and no triangle is degenerate
     return Surface(skin.vertices, skin.triangles, primitive=shape, _known_shape=shape)
-
-
-def solved(scene: LiveScene, joints: Joints, part: Rule, time: float) -> HandFactors:
-    """Compute the scattering by a part of a hand, with beacons (virtual sources) at a scene's foci.
-
-    Parameters
-    ----------
-    scene : scene of the live loop.
-    joints : (25, 3) joints of the hand [m].
-    part : ``"phalanges"`` or ``"hand"``.
-    time : time of the pose, on the tracker's clock [s].
-
-    Raises
-    ------
-    InvalidInput
-        If the joints do not form a hand, or a focus lies inside the body.
-    NotConverged
-        If the iteration does not converge.
-    """
-    return PartSolver(scene).meshed(joints, part, time)
 
 
 def factors_of(
@@ -181,9 +154,9 @@ def factors_of(
 class RigidParts:
     """Rigid last phalanges on which the foci of a scene lie; their matrix is factorised once.
 
-    Solving a new pose takes about a fifth of the time that ``solved`` takes. The bodies keep
-    their size, although the bone lengths reported by a tracker vary from frame to frame. All foci
-    must be on fingers.
+    Solving a new pose takes about a fifth of the time that ``PartSolver.meshed`` takes. The bodies
+    keep their size, although the bone lengths reported by a tracker vary from frame to frame. All
+    foci must be on fingers.
 
     Parameters
     ----------
@@ -199,7 +172,10 @@ class RigidParts:
     def __init__(self, scene: LiveScene, joints: Joints) -> None:
         self._scene = scene
         self._reference = pose_hand(scene, joints)
-        self._surfaces = [rigid_part(self._reference.hand, place) for place in scene.places]
+        # This edge length [m] is small enough to tell close bodies apart.
+        self._surfaces = [
+            part_of(self._reference.hand, "phalanges", [place], 3e-3) for place in scene.places
+        ]
         self._lengths = _bone_lengths(scene, joints)
         air = self._air([Pose.identity()] * len(self._surfaces))
         # More accurate than ACCURACY: the bodies are factorised once, so this costs no time later.
@@ -262,9 +238,16 @@ class PartSolver:
         return self.meshed(joints, part, time)
 
     def meshed(self, joints: Joints, part: Rule, time: float) -> HandFactors:
-        """Compute the scattering by a part of the hand as a single body.
+        """Compute the scattering by a part of the hand, "phalanges" or "hand", as a single body.
 
         If possible, the mesh is moved from the previous pose.
+
+        Raises
+        ------
+        InvalidInput
+            If the joints do not form a hand, or a focus lies inside the body.
+        NotConverged
+            If the iteration does not converge.
         """
         scene = self._scene
         posed = pose_hand(scene, joints)

@@ -66,8 +66,7 @@ def expected_kept(
     """
     same, different, spoiled = SHARES[part]
     # Solutions that are moved with the bones tolerate larger differences between the poses.
-    carried = part == "carried"
-    difference = unlike(gap, turned) / 4.0 if carried else unlike(gap, turned, foci)
+    difference = unlike(gap, turned) / 4.0 if part == "carried" else unlike(gap, turned, foci)
     if part == "phalanges":
         same -= 0.0175 * max(foci - FITTED_FOCI, 0)
     same = max(same, different)

@@ -1,7 +1,8 @@
 """Drives for a moving hand, computed from the newest pose and the best available solution."""
 
 import time as clock
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -45,7 +46,20 @@ def predicted_joints(predictor: Predictor, time: float) -> tuple[Joints, Joints]
 class SolvingMaker(DriveMaker):
     """Base class for drive makers that compute the scattering from hands in separate processes."""
 
-    _solvers: list[SolverProcess]
+    def __init__(self, solvers: Sequence[SolverProcess]) -> None:
+        self._solvers = list(solvers)
+        self.fault: str | None = None
+        self.solutions = 0
+
+    def collected(self) -> Iterator[Any]:
+        """Yield all solutions that have arrived since the last call; ``fault`` records faults."""
+        for solver in self._solvers:
+            for solution in solver.solutions():
+                if isinstance(solution, str):
+                    self.fault = solution
+                else:
+                    self.solutions += 1
+                    yield solution
 
     def revive(self) -> int:
         """Restart solvers that have ended; return the number of restarts so far."""
@@ -114,12 +128,10 @@ class HandAware(SolvingMaker):
         self._libraries = {part: Library(part, scene) for part in self._parts}
         if solvers is None:
             solvers = [SolverProcess(scene, part) for part in self._parts]
-        self._solvers = list(solvers)
+        super().__init__(solvers)
         self._newest: HandFrame | None = None
         self._previous = np.zeros(len(scene.array), dtype=np.complex128)
         self._rejected: dict[str, str] = {}
-        self.fault: str | None = None
-        self.solutions = 0
 
     def take(self, frame: HandFrame) -> None:
         """Process the tracker's newest frame; frames of the other hand are ignored.
@@ -147,7 +159,8 @@ class HandAware(SolvingMaker):
         All amplitudes are 0 if no hand is seen. The live loop then applies the cap and
         the modulation, and silences the drive unless ``controls.playing`` is True.
         """
-        self._collect()
+        for solution in self.collected():
+            self._libraries[solution.part].add(solution)
         if self._newest is None:
             return silent_moment(self._scene, time, time)
         try:
@@ -166,15 +179,6 @@ class HandAware(SolvingMaker):
         except InvalidInput as fault:
             self.fault = str(fault)
             return silent_moment(self._scene, time, self._newest.time)
-
-    def _collect(self) -> None:
-        for solver in self._solvers:
-            for solution in solver.solutions():
-                if isinstance(solution, str):
-                    self.fault = solution
-                    continue
-                self.solutions += 1
-                self._libraries[solution.part].add(solution)
 
     def _drive(self, time: float, frame_time: float, joints: Joints, controls: Controls) -> Moment:
         posed = pose_hand(self._scene, joints, controls.offset)

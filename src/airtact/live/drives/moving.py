@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Complex64, Complex128, Float, Float64
+from jaxtyping import Complex64, Complex128, Float
 from scipy.spatial.distance import cdist
 
 from airtact.acoustics.target import Target
@@ -11,9 +11,6 @@ from airtact.drives.gerchberg_saxton import SINGLE, alternating_projections, pha
 from airtact.drives.methods import METHODS
 from airtact.drives.transfer import TransferMatrix
 from airtact.live.scene import Foci, Frames, LiveScene, MovingFoci, PosedHand, Rows, moving_points
-
-PointRows = Complex128[np.ndarray, "points sources"]
-Points = Float64[np.ndarray, "points 3"]
 
 
 class Rounds:
@@ -30,11 +27,9 @@ class Rounds:
     def __init__(
         self, scene: LiveScene, moving: MovingFoci, open_air: Callable[[Foci], Rows]
     ) -> None:
+        self._scene = scene
         self._moving = moving
         self._open_air = open_air
-        self._with_images = scene.with_images
-        self._positions = scene.with_images.array.positions
-        self._wavenumber = scene.wavenumber.real
         self._previous: Frames | None = None
         self._phases = np.ones(moving.places.shape, dtype=np.complex128)
 
@@ -58,8 +53,15 @@ class Rounds:
         change little over time.
         """
         points = moving_points(self._moving, posed)
-        rows = self._rows(posed, points.reshape(-1, 3))
-        rows = self._with_images.folded(rows if factors is None else rows * factors)
+        # The directivity towards a displaced focus is approximated by that towards its place; only
+        # the distance differs.
+        places = self._moving.places.ravel()
+        elements = self._scene.with_images.array.positions
+        before = cdist(posed.foci, elements)[places]
+        after = cdist(points.reshape(-1, 3), elements)
+        delay = phasors(self._scene.wavenumber.real * (after - before))
+        rows = self._open_air(posed.foci)[places] * (before / after * delay)
+        rows = self._scene.with_images.folded(rows if factors is None else rows * factors)
         matrices = rows.reshape(*points.shape[:2], -1)
         if method == "best":
             frames = self._projected(matrices)
@@ -72,18 +74,6 @@ class Rounds:
             )
         self._previous = aligned(frames, self._previous)
         return self._previous
-
-    def _rows(self, posed: PosedHand, points: Points) -> PointRows:
-        """Return the pressure at displaced foci per unit drive in open air [Pa].
-
-        The directivity towards a displaced focus is approximated by that towards its place;
-        only the distance differs.
-        """
-        places = self._moving.places.ravel()
-        before = cdist(posed.foci, self._positions)[places]
-        after = cdist(points, self._positions)
-        delay = self._wavenumber * (after - before)
-        return self._open_air(posed.foci)[places] * (before / after * phasors(delay))
 
     def _projected(self, matrices: Complex128[np.ndarray, "frames together elements"]) -> Frames:
         """Maximise the weakest focus of each frame with all elements at full scale."""

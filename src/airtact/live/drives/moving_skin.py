@@ -1,6 +1,5 @@
 """The skin of a tracked hand: meshed once, then moved with the bones."""
 
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -10,16 +9,6 @@ from airtact.hands.joints import PerPoint, Points, hand_length
 from airtact.hands.shape import hull_weights
 from airtact.live.drives.bending import Bones, Weights, bones_of, moved_by_bones
 from airtact.touch.skin import Skin, skin_of
-
-
-@dataclass(frozen=True, eq=False)
-class _Meshed:
-    """The skin as it was meshed, the weights of the bones in its motion, and the hand's pose."""
-
-    skin: Skin
-    weights: Weights
-    bones: Bones
-    length: float
 
 
 class MovingSkin:
@@ -34,7 +23,9 @@ class MovingSkin:
     """
 
     def __init__(self) -> None:
-        self._meshed: _Meshed | None = None
+        # The skin as it was meshed, the weights of the bones in its motion, and the bones and the
+        # length of the hand in that pose.
+        self._meshed: tuple[Skin, Weights, Bones, float] | None = None
         self.bones: Bones | None = None
 
     def at(self, hand: Hand) -> Skin:
@@ -45,19 +36,18 @@ class MovingSkin:
         """
         self.bones = bones_of(hand)
         length = hand_length(hand.joints)
-        meshed = self._meshed
         # If the hand's length has changed by a tenth, it is another person's hand: mesh it again.
-        if meshed is None or abs(length / meshed.length - 1.0) > 0.1:
+        if self._meshed is None or abs(length / self._meshed[3] - 1.0) > 0.1:
             skin = skin_of(hand, longest_edge=10e-3)
             weights = hull_weights(hand.shape.hulls, skin.points)
-            meshed = _Meshed(skin, weights, self.bones, length)
-            self._meshed = meshed
-        points = moved_by_bones(meshed.skin.points, meshed.weights, meshed.bones, self.bones)
+            self._meshed = skin, weights, self.bones, length
+        skin, weights, bones, _ = self._meshed
+        points = moved_by_bones(skin.points, weights, bones, self.bones)
         # Points near creases move up to 0.3 mm off the skin: one step along the gradient of the
         # distance brings them back.
         distances, normals = _look(hand, points)
         points = points - distances[:, None] * normals
-        return meshed.skin.moved(points, normals, partial(_look, hand))
+        return skin.moved(points, normals, partial(_look, hand))
 
 
 def _look(hand: Hand, points: Points) -> tuple[PerPoint, Points]:

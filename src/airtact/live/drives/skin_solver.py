@@ -31,6 +31,14 @@ Points = Float64[np.ndarray, "points 3"]
 Owners = Int64[np.ndarray, "points"]
 
 
+def extrapolated(joints: Joints, velocities: Joints, ahead: float) -> Joints:
+    """Return joints (25, 3) after ``ahead`` [s]; unchanged if the result would not form a hand."""
+    try:
+        return joints_of(joints + ahead * velocities)
+    except InvalidInput:
+        return joints
+
+
 @dataclass(frozen=True, eq=False)
 class SkinRequest:
     """Request to compute the scattering for beacons, which are virtual sources at points on hands.
@@ -57,16 +65,12 @@ class SkinRequest:
     def after(self, ahead: float) -> tuple["SkinRequest", Mapping[Side, Joints]]:
         """Return a pair: this request, and each hand's joints predicted for ``ahead`` [s] later.
 
-        The joints are extrapolated with their velocities. They stay unchanged if the result would
-        not form a hand.
+        See ``extrapolated``.
         """
-        later = {}
-        for side, joints in self.joints.items():
-            try:
-                later[side] = joints_of(joints + ahead * self.velocities[side])
-            except InvalidInput:
-                later[side] = joints
-        return self, later
+        return self, {
+            side: extrapolated(joints, self.velocities[side], ahead)
+            for side, joints in self.joints.items()
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +223,10 @@ class SkinSolver:
         moved = [motion(panels.posed.hand.shape.hulls, hand.shape.hulls) for panels in meshed]
         # Bending distorts only the panels at the joints, where foci are rare. [m]
         if not moved or min(moved) > 12e-3:
-            made = BendingPanels(self._scene, _bare(hand), ACCURACY, min_seen=0.0)
+            none = np.zeros((0, 3))
+            # The hand has no foci.
+            posed = PosedHand(hand, none, np.zeros((0, 3, 3)), np.zeros(0), np.zeros((0, 1, 3)))
+            made = BendingPanels(self._scene, posed, ACCURACY, min_seen=0.0)
             self._panels[side] = [*meshed[-5:], made]
             return made
         return meshed[int(np.argmin(moved))]
@@ -252,9 +259,3 @@ def _most_important(
     keep = np.zeros(len(ranks), dtype=bool)
     keep[np.argsort(ranks)[:count]] = True
     return panels.chosen(keep)
-
-
-def _bare(hand: Hand) -> PosedHand:
-    """Return a hand without foci."""
-    none = np.zeros((0, 3))
-    return PosedHand(hand, none, np.zeros((0, 3, 3)), np.zeros(0), np.zeros((0, 1, 3)))

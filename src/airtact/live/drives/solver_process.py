@@ -10,10 +10,9 @@ from threading import Thread, get_native_id
 from typing import Any
 
 from airtact.errors import InvalidInput, NotConverged, in_short
-from airtact.hands.joints import joints_of
 from airtact.live.drives.bending import BendingHand
 from airtact.live.drives.factors import PartSolver
-from airtact.live.drives.skin_solver import SkinRequest, SkinSolver
+from airtact.live.drives.skin_solver import SkinRequest, SkinSolver, extrapolated
 from airtact.live.moment import Rule
 from airtact.live.scene import Joints, LiveScene
 from airtact.live.worker import Mailbox, Worker
@@ -46,11 +45,8 @@ class Request:
     __repr__ = in_short
 
     def after(self, ahead: float) -> Joints:
-        """Return the joints expected after ``ahead`` [s]; if invalid, return the current joints."""
-        try:
-            return joints_of(self.joints + ahead * self.velocities)
-        except InvalidInput:
-            return self.joints
+        """Return the joints expected after ``ahead`` [s]; see ``extrapolated``."""
+        return extrapolated(self.joints, self.velocities, ahead)
 
 
 class SolverProcess:

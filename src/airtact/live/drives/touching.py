@@ -33,6 +33,7 @@ from airtact.live.moment import (
 from airtact.live.safety import Workspace
 from airtact.live.scene import SIDES, Frames, LiveScene, hand_in
 from airtact.live.world import WantedFocus
+from airtact.setup.bodies import unsided
 from airtact.touch.finding import approaching
 from airtact.touch.objects import VirtualObject
 from airtact.touch.skin import Skin
@@ -142,7 +143,7 @@ class TouchAware(SolvingMaker):
         }
         if rest is not None:
             self._hands[rest.side].moving.at(rest)
-        self._solvers = [SolverProcess(scene, "contacts")] if solvers is None else list(solvers)
+        super().__init__([SolverProcess(scene, "contacts")] if solvers is None else solvers)
         self._factors: SkinFactors | None = None
         self._objects = tuple(scene.objects)
         # The places of a scene file are requested all the time.
@@ -156,8 +157,6 @@ class TouchAware(SolvingMaker):
         self._previous = np.zeros(len(scene.array), dtype=np.complex128)
         self._frames: Frames | None = None  # frames of the newest round along outlines
         self._step = 0
-        self.fault: str | None = None
-        self.solutions = 0
 
     def take(self, frame: HandFrame) -> None:
         """Process the newest frame of a hand; if it contains no hand, the foci of its side fade.
@@ -185,7 +184,8 @@ class TouchAware(SolvingMaker):
 
         All amplitudes are 0 if there is no hand or no focus.
         """
-        self._collect()
+        for solution in self.collected():
+            self._factors = solution
         elapsed = 0.0 if self._time is None else max(time - self._time, 0.0)
         self._time = time
         seen: dict[Side, _TrackedHand] = {
@@ -214,8 +214,7 @@ class TouchAware(SolvingMaker):
                 thing = tracked.touch.objects[found.objects[contact]] if contact >= 0 else None
                 # Outlines replace the foci of such a contact. When it ends, they fade as points.
                 if thing is not None and thing.style == "outline" and contact not in outlined:
-                    offset = tracked.touch.offset
-                    curves = curves_at(tracked.skin, thing, found, contact, offset)
+                    curves = curves_at(tracked.skin, thing, found, contact, tracked.touch.offset)
                     outlines += [Outline(name, curve, strength, side) for curve in curves]
                     if curves:
                         outlined.add(contact)
@@ -245,15 +244,6 @@ class TouchAware(SolvingMaker):
             objects=self._objects,
             rejected=rejected,
         )
-
-    def _collect(self) -> None:
-        for solver in self._solvers:
-            for solution in solver.solutions():
-                if isinstance(solution, str):
-                    self.fault = solution
-                else:
-                    self.solutions += 1
-                    self._factors = solution
 
     def _pose(self, side: Side, tracked: _TrackedHand, time: float) -> bool:
         """Predict a hand and its skin; return whether the hand is present."""
@@ -327,7 +317,9 @@ class TouchAware(SolvingMaker):
         """
         side: Side | None = None
         if wanted.place is not None:
-            side, place = _sided(wanted.place, self._scene.side)
+            # A place such as "right.index.pad" or "palm".
+            first = wanted.place.partition(".")[0]
+            side = "left" if first == "left" else "right" if first == "right" else self._scene.side
             hand = seen[side].hand if side in seen else None
             if hand is None:
                 raise InvalidInput(
@@ -335,7 +327,7 @@ class TouchAware(SolvingMaker):
                     code="data_missing",
                 )
             offset = wanted.offset if controls.offset is None else controls.offset
-            point = hand.focus(place, offset)
+            point = hand.focus(unsided(wanted.place), offset)
         else:
             assert wanted.point is not None
             point = wanted.point
@@ -468,10 +460,3 @@ class TouchAware(SolvingMaker):
             frames.append(balanced(self._scene, method, rows[chosen], every[chosen], wanted))
         self._frames = aligned(np.array(frames), self._frames)
         return replace(moment, frames=self._frames, rate=path.rate)
-
-
-def _sided(place: str, default: Side) -> tuple[Side, str]:
-    """Split a place such as "right.index.pad" or "palm" into side and name."""
-    first, _, rest = place.partition(".")
-    side: Side = "left" if first == "left" else "right" if first == "right" else default
-    return side, rest if first in SIDES else place

@@ -18,11 +18,11 @@ from airtact.geometry.pose import Pose
 from airtact.hands.kinematics import turned
 from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 from airtact.live.moment import Controls, silent_moment
-from airtact.live.page.process import PageSettings, Send, Shown
+from airtact.live.page.process import Send, Shown
 from airtact.live.page.server import start_server
 from airtact.live.page.sound import Axis
-from airtact.live.page.view import Picture, View, fixed_facts, packed
-from airtact.live.scene import Joints
+from airtact.live.page.view import View, fixed_facts, packed
+from airtact.live.scene import Joints, LiveScene
 from airtact.live.worker import Mailbox
 from airtact.reports.page import FOLDER, TEMPLATES
 from airtact.reports.viewer import embedded
@@ -85,7 +85,12 @@ class Pages:
     Parameters
     ----------
     send : function that sends messages to the live loop.
-    settings : scene, port and other settings of the page; see ``PageSettings``.
+    scene : the parts of the scene that stay fixed during the run.
+    port, host : port and address to listen on; port 0 selects a free port.
+    hand : (25, 3) initial joints of a hand that can be dragged [m]; None if there is none.
+    follows : whether the live loop follows hands from the page.
+    controls : initial settings of the live loop.
+    certificate : PEM file with a certificate and its key, used to serve the page over HTTPS.
 
     Raises
     ------
@@ -93,28 +98,34 @@ class Pages:
         If the port is in use or invalid, or the certificate cannot be read.
     """
 
-    def __init__(self, send: Send, settings: PageSettings) -> None:
+    def __init__(
+        self,
+        send: Send,
+        scene: LiveScene,
+        port: int,
+        host: str,
+        hand: Joints | None,
+        follows: bool,
+        controls: Controls,
+        certificate: Path | None,
+    ) -> None:
         self._send = send
-        self._scene = settings.scene
-        self._controls = settings.controls
-        hand = settings.hand
+        self._scene = scene
+        self._controls = controls
         self._stopped = False
         self._across: Axis = "y"
         self._offset = 0.0
-        self._picture: Picture | None = None
         self._open: set[Mailbox] = set()
         self._tracked = -np.inf  # when a headset sent its last hand [s]
         x, y, z = (np.zeros(3) if hand is None else hand.mean(axis=0)).tolist()
         self._hand = Dragged((x, y, z))
         self._first = None if hand is None else hand - (x, y, z)
-        facts, numbers = fixed_facts(settings.scene)
-        facts |= {"dragged": hand is not None, "follows": settings.follows}
+        facts, numbers = fixed_facts(scene)
+        facts |= {"dragged": hand is not None, "follows": follows}
         loader = FileSystemLoader([Path(__file__).parent, FOLDER])
         page = TEMPLATES.overlay(loader=loader).get_template("live.html.j2")
         html = page.render(facts=facts, space=embedded(facts, numbers), title="airtact live")
-        self._server, self.address = start_server(
-            settings.port, settings.host, html, self._serve, settings.certificate
-        )
+        self._server, self.address = start_server(port, host, html, self._serve, certificate)
         if hand is not None:
             Thread(target=self._give_hand, daemon=True).start()
 
@@ -126,8 +137,7 @@ class Pages:
             start = time.monotonic()
             if self._open:
                 shown = mailbox.newest or Shown(silent_moment(self._scene, 0.0, 0.0))
-                joints = self._joints()
-                picture = view.picture(shown, self._across, self._offset, joints)
+                picture = view.picture(shown, self._across, self._offset, self._joints())
                 picture.facts["controls"] = asdict(self._controls)
                 picture.facts["stopped"] = self._stopped
                 picture.facts["hand"] = msgspec.to_builtins(self._hand)

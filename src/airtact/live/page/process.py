@@ -9,7 +9,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple, cast
 
-from airtact.errors import InvalidInput, extra, in_short
+from airtact.errors import InvalidInput, extra
 from airtact.geometry.mesh.triangles import FlatMesh
 from airtact.geometry.pose import Pose
 from airtact.hands.tracking.frame import HandFrame
@@ -57,31 +57,6 @@ class Shown:
     status: str = ""
     objects: tuple[Placed, ...] = ()
     meshes: Mapping[int, FlatMesh] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, eq=False)
-class PageSettings:
-    """Settings of the page's process.
-
-    Attributes
-    ----------
-    scene : the parts of the scene that stay fixed during the run.
-    port, host : port and address to listen on; port 0 selects a free port.
-    certificate : PEM file with a certificate and its key, used to serve the page over HTTPS.
-    hand : (25, 3) initial joints of a hand that can be dragged [m]; None if there is none.
-    follows : whether the live loop follows hands from the page.
-    controls : initial settings of the live loop.
-    """
-
-    scene: LiveScene
-    port: int
-    host: str
-    hand: Joints | None
-    follows: bool
-    controls: Controls
-    certificate: Path | None
-
-    __repr__ = in_short
 
 
 class PageProcess:
@@ -143,11 +118,9 @@ class PageProcess:
         self._numbers = count()
         self._known: frozenset[int] = frozenset()  # numbers of the shapes sent to the page
         self._answers: SimpleQueue[Any] = SimpleQueue()
+        settings = (scene, port, host, hand, stream is not None, self.controls, certificate)
         # Limit the page to 18 pictures a second.
-        settings = PageSettings(
-            scene, port, host, hand, stream is not None, self.controls, certificate
-        )
-        self._worker = Worker(serve_page, (settings,), self._received, pause=1.0 / 20.0)
+        self._worker = Worker(serve_page, settings, self._received, pause=1.0 / 20.0)
         patience = 30.0  # [s]; importing the server takes a while
         try:
             answer = self._answers.get(timeout=patience)
@@ -237,13 +210,16 @@ class PageProcess:
             self._answers.put(content)
 
 
-def serve_page(mailbox: Mailbox, send: Send, settings: PageSettings) -> None:
-    """Serve the page until the live loop ends; the mailbox contains the newest ``Shown``."""
+def serve_page(mailbox: Mailbox, send: Send, *settings: Any) -> None:
+    """Serve ``Pages`` with some settings until the loop ends.
+
+    The mailbox contains the newest ``Shown``.
+    """
     try:
         with extra("live", "to serve the page (--no-page omits it), airtact needs websockets"):
             from airtact.live.page.pages import Pages
 
-        pages = Pages(send, settings)
+        pages = Pages(send, *settings)
     except InvalidInput as fault:
         send(("fault", fault))
         return

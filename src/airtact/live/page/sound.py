@@ -16,13 +16,11 @@ from jaxtyping import Complex128, Float64
 from scipy.ndimage import zoom
 from scipy.spatial import KDTree
 
-from airtact.acoustics.solvers.bem.solutions import DirectSolution
 from airtact.acoustics.sources import Monopoles
 from airtact.errors import InvalidInput, NotConverged
-from airtact.hands.shape import Hulls
 from airtact.live.drives.bending import BendingHand
 from airtact.live.scene import Amplitudes, Foci, Joints, LiveScene, pose_hand
-from airtact.live.worker import Mailbox, Worker
+from airtact.live.worker import Mailbox
 from airtact.timing import give_way
 
 # Side length of a slice [m].
@@ -30,9 +28,6 @@ SLICE_SIZE = 0.12
 
 # Points along each side of a slice; a quarter of a wavelength apart at 40 kHz.
 SLICE_POINTS = 56
-
-# Pixels per point along each side of a slice.
-SLICE_ZOOM = 2
 
 Axis = Literal["x", "y", "z"]
 Points = Float64[np.ndarray, "points 3"]
@@ -76,7 +71,8 @@ class Section:
 
 def enlarged(field: Complex128[np.ndarray, "points"]) -> Float64[np.ndarray, "rows columns"]:
     """Return the magnitude of a slice's field at every pixel, interpolated by cubic splines."""
-    return np.abs(np.asarray(zoom(field.reshape(SLICE_POINTS, SLICE_POINTS), SLICE_ZOOM)))
+    # Two pixels per point along each side.
+    return np.abs(np.asarray(zoom(field.reshape(SLICE_POINTS, SLICE_POINTS), 2)))
 
 
 def element_sources(scene: LiveScene, amplitudes: Amplitudes, middle: Vector) -> Monopoles:
@@ -140,91 +136,44 @@ class Sound:
     field: Complex128[np.ndarray, "points"]
 
 
-class SoundSolver:
-    """Solver for the pressure around a hand in successive poses.
+def solved_sound(scene: LiveScene, hand: BendingHand, request: SoundRequest) -> Sound:
+    """Compute the pressure on the skin and in the slice for a request.
 
-    Parameters
-    ----------
-    scene : scene of the live loop.
+    ``hand`` is the solver for a hand in successive poses. It must keep all panels.
+
+    Raises
+    ------
+    InvalidInput
+        If the joints do not form a hand, or a focus lies inside the hand.
+    NotConverged
+        If the iteration does not converge.
     """
-
-    def __init__(self, scene: LiveScene) -> None:
-        self._scene = scene
-        self._hand = BendingHand(scene, accuracy=0.1, min_seen=0.0)
-
-    def solved(self, request: SoundRequest) -> Sound:
-        """Compute the pressure on the skin and in the slice for a request.
-
-        Raises
-        ------
-        InvalidInput
-            If the joints do not form a hand, or a focus lies inside the hand.
-        NotConverged
-            If the iteration does not converge.
-        """
-        sources = element_sources(self._scene, request.amplitudes, request.foci.mean(axis=0))
-        solution = self._hand.received(request.joints, sources, 0.05)
-        # Interpolate the pressure on the skin between the three nearest nodes of the panels. The
-        # lower bound avoids a division by zero at a node.
-        nodes = KDTree(solution.surface.nodes.points)
-        away, nearest = nodes.query(request.skin, 3)
-        weights = 1.0 / np.maximum(away, 1e-5) ** 2
-        weights /= weights.sum(axis=1, keepdims=True)
-        skin = np.einsum("pn,pn->p", weights, solution.pressure[nearest, 0])
-        hulls = pose_hand(self._scene, request.joints).hand.shape.hulls
-        field = _field_around(solution, hulls, request.section.points())
-        return Sound(request.time, np.abs(skin), request.section, field)
-
-
-def _field_around(
-    solution: DirectSolution, hulls: Hulls, points: Points
-) -> Complex128[np.ndarray, "points"]:
-    """Return the pressure at points [Pa]; 0 inside the hand."""
-    skin = hulls.look(points)
-    outside = skin.distance > 0.0
+    sources = element_sources(scene, request.amplitudes, request.foci.mean(axis=0))
+    solution = hand.received(request.joints, sources, 0.05)
+    # Interpolate the pressure on the skin between the three nearest nodes of the panels. The
+    # lower bound avoids a division by zero at a node.
+    away, nearest = KDTree(solution.surface.nodes.points).query(request.skin, 3)
+    weights = 1.0 / np.maximum(away, 1e-5) ** 2
+    weights /= weights.sum(axis=1, keepdims=True)
+    skin = np.einsum("pn,pn->p", weights, solution.pressure[nearest, 0])
+    points = request.section.points()
+    look = pose_hand(scene, request.joints).hand.shape.hulls.look(points)
+    outside = look.distance > 0.0
     # Within 1 mm of the skin the panels are too coarse, so move such points out to 1 mm.
-    lift = np.maximum(1e-3 - skin.distance, 0.0)
-    lifted = points + lift[:, None] * skin.gradient
+    lift = np.maximum(1e-3 - look.distance, 0.0)
+    lifted = (points + lift[:, None] * look.gradient)[outside]
     field = np.zeros(len(points), dtype=np.complex128)
-    field[outside] = solution.at(lifted[outside], np.zeros(int(outside.sum()), dtype=bool))[:, 0]
-    return field
+    field[outside] = solution.at(lifted, np.zeros(len(lifted), dtype=bool))[:, 0]
+    return Sound(request.time, np.abs(skin), request.section, field)
 
 
-class SoundProcess:
-    """Process that computes the pressure for each request passed to ``ask``, which returns at once.
-
-    Parameters
-    ----------
-    scene : scene of the live loop.
-
-    Attributes
-    ----------
-    newest : newest result; None before the first result.
-    """
-
-    def __init__(self, scene: LiveScene) -> None:
-        self.newest: Sound | None = None
-        # Each solution takes most of a second.
-        self._worker = Worker(_solve_sounds, (scene,), self._received, pause=0.2)
-
-    def ask(self, request: SoundRequest) -> None:
-        """Request a solution; a newer request replaces one that is still waiting."""
-        self._worker.put(request)
-
-    def close(self) -> None:
-        """End the process."""
-        self._worker.close()
-
-    def _received(self, sound: Sound | None) -> None:
-        self.newest = sound or self.newest
-
-
-def _solve_sounds(mailbox: Mailbox, send: Callable[[Sound], None], scene: LiveScene) -> None:
+def solve_sounds(mailbox: Mailbox, send: Callable[[Sound], None], scene: LiveScene) -> None:
+    """Compute the pressure for the newest request until no more requests arrive."""
     give_way(8)  # a priority between those of the loop's own solvers
-    solver = SoundSolver(scene)
+    hand = BendingHand(scene, accuracy=0.1, min_seen=0.0)
     while (request := mailbox.take()) is not None:
         begun = time.process_time()
         with suppress(InvalidInput, NotConverged):
-            send(solver.solved(request))
+            send(solved_sound(scene, hand, request))
         # Limit the process to 40 % of a processor.
         time.sleep(1.5 * (time.process_time() - begun))

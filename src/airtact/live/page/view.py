@@ -24,11 +24,12 @@ from airtact.live.page.sound import (
     Axis,
     Section,
     Sound,
-    SoundProcess,
     SoundRequest,
     enlarged,
+    solve_sounds,
 )
 from airtact.live.scene import Joints, LiveScene
+from airtact.live.worker import Worker
 from airtact.reports.array_figures import spacing, view_of
 from airtact.reports.solids import sheet_of, towards_viewer
 from airtact.reports.viewer import colour_scales, framed, joined, pressure_bytes
@@ -72,10 +73,11 @@ class View:
     def __init__(self, scene: LiveScene) -> None:
         self._scene = scene
         self._skins = {"hand": MovingSkin(scene.radii), "other": MovingSkin(scene.radii)}
-        self._solving = SoundProcess(scene)
-        self._middle = expected_middle(scene.array)
+        self._newest: Sound | None = None  # the newest result
+        # Each solution takes most of a second.
+        self._solver = Worker(solve_sounds, (scene,), self._solved, pause=0.2)
         self._peak = 0.0  # running mean of the largest pressure, for the colours [Pa]
-        self._sound: Sound | None = None  # the newest result
+        self._sound: Sound | None = None  # the result shown now
         self._sounds = 0
         self._sound_arrays: dict[str, np.ndarray] = {}
         self.objects: dict[int, FlatMesh] = {}
@@ -109,14 +111,26 @@ class View:
                 arrays[name] = skin.at(pose).astype(np.float32)
                 skins.append({"name": name, "key": f"{name} {skin.count}"})
                 kept[f"{name} {skin.count}"] = {"triangles": skin.triangles.astype(np.uint32)}
-        self._take_objects(shown)
+        # Add new shapes of virtual objects, and remove those that no longer exist.
+        known = {**self.objects, **shown.meshes}
+        self.objects = {
+            thing.key: known[thing.key] for thing in shown.objects if thing.key in known
+        }
         for key, (vertices, triangles) in self.objects.items():
             kept[f"object {key}"] = {
                 "vertices": vertices.astype(np.float32),
                 "triangles": triangles.astype(np.uint32),
             }
         facts = {
-            **_status(shown),
+            "state": moment.state,
+            "rule": moment.rule,
+            "status": shown.status,
+            "drives": shown.drives,
+            "time": time.monotonic(),
+            "latency": None if moment.foci is None else moment.time - moment.frame_time,
+            "age": moment.shape_age,
+            "kept": moment.kept,
+            "mean": float(np.abs(moment.amplitudes).mean()),
             "foci": _foci(moment, self._scene),
             "contacts": [] if moment.contacts is None else moment.contacts.tolist(),
             "skins": skins,
@@ -140,17 +154,13 @@ class View:
             }
         return Picture(facts, arrays, kept)
 
+    def _solved(self, sound: Sound | None) -> None:
+        self._newest = sound or self._newest
+
     @property
     def _most(self) -> float:
         """Upper limit of the colour scale of the skin and the slice [Pa]."""
         return max(self._peak, 1.0)
-
-    def _take_objects(self, shown: Shown) -> None:
-        """Add new shapes of virtual objects, and remove those that no longer exist."""
-        known = {**self.objects, **shown.meshes}
-        self.objects = {
-            thing.key: known[thing.key] for thing in shown.objects if thing.key in known
-        }
 
     def _sound_of(
         self, moment: Moment, skin: np.ndarray, across: Axis, offset: float
@@ -158,14 +168,13 @@ class View:
         """Request the pressure of a moment; return the newest result if it is under 20 s old."""
         if moment.joints is None or moment.foci is None or not len(moment.foci):
             return None
-        self._middle = moment.foci.mean(axis=0)
-        section = Section(self._middle, across, offset)
+        section = Section(moment.foci.mean(axis=0), across, offset)
         vertices = skin.astype(np.float64)
         now = time.monotonic()
-        self._solving.ask(
+        self._solver.put(
             SoundRequest(now, moment.joints, moment.foci, moment.amplitudes, vertices, section)
         )
-        sound = self._solving.newest
+        sound = self._newest
         if sound is None or len(sound.skin) != len(vertices) or now - sound.time > 20.0:
             return None
         if sound is not self._sound:
@@ -183,21 +192,6 @@ class View:
                 "field": pressure_bytes(enlarged(sound.field), self._most),
             }
         return sound
-
-
-def _status(shown: Shown) -> dict[str, Any]:
-    moment = shown.moment
-    return {
-        "state": moment.state,
-        "rule": moment.rule,
-        "status": shown.status,
-        "drives": shown.drives,
-        "time": time.monotonic(),
-        "latency": None if moment.foci is None else moment.time - moment.frame_time,
-        "age": moment.shape_age,
-        "kept": moment.kept,
-        "mean": float(np.abs(moment.amplitudes).mean()),
-    }
 
 
 def _foci(moment: Moment, scene: LiveScene) -> list[dict[str, Any]]:
@@ -260,7 +254,12 @@ def fixed_facts(scene: LiveScene) -> tuple[dict[str, Any], bytes]:
 
 def array_facts(array: PhasedArray, planes: Sequence[Plane]) -> tuple[dict[str, Any], bytes]:
     """Return the values and packed arrays with which a page draws transducers and planes."""
-    middle = expected_middle(array)
+    # A hand is expected 0.2 m in front of a flat array, or at the centre of an array around it.
+    middle = 0.5 * (array.positions.min(axis=0) + array.positions.max(axis=0))
+    front = array.normals.mean(axis=0)
+    length = float(np.linalg.norm(front))
+    if length > 0.3:
+        middle = middle + 0.2 * front / length
     # A hand extends about 0.15 m from its foci.
     hand = middle + 0.15 * np.concatenate([np.eye(3), -np.eye(3)])
     sheets = [sheet_of(plane, np.vstack([array.positions, middle])) for plane in planes]
@@ -278,7 +277,7 @@ def array_facts(array: PhasedArray, planes: Sequence[Plane]) -> tuple[dict[str, 
         "colours": colour_scales(),
         "radius": 0.46 * spacing(array.positions),  # neighbouring discs do not touch
         # If the array surrounds the hand, do not draw the near side, which would hide it.
-        "backs": bool(np.linalg.norm(array.normals.mean(axis=0)) > 0.3),
+        "backs": length > 0.3,
         "sheets": [sheet.tolist() for sheet in sheets],
         "foci": [],
         "paths": [],
@@ -332,16 +331,3 @@ class MovingSkin:
         now, _ = hand_hulls(joints, self._radii)
         before, mesh, weights = self._first
         return now.project(moved_with_hulls(before, now, mesh.vertices, weights))
-
-
-def expected_middle(array: PhasedArray) -> Float64[np.ndarray, "3"]:
-    """Return the position (3,) [m] at which a hand is expected.
-
-    The position is 0.2 m in front of a flat array, or at the centre of an array that surrounds
-    the hand.
-    """
-    positions = array.positions
-    front = array.normals.mean(axis=0)
-    middle = 0.5 * (positions.min(axis=0) + positions.max(axis=0))
-    length = np.linalg.norm(front)
-    return middle + 0.2 * front / length if length > 0.3 else middle
