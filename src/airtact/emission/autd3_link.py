@@ -36,16 +36,18 @@ class AUTD3Boards(Link):
     Parameters
     ----------
     poses : pose of each board in the array's frame, in the order of the chain.
+    address : where the boards are connected; its meaning depends on the link.
     """
 
     plays_itself = True
 
-    def __init__(self, poses: Sequence[Pose]) -> None:
+    def __init__(self, poses: Sequence[Pose], address: str | None = None) -> None:
         of_kind(poses, list | tuple, "the value of poses", "a list of Pose, one for each board")
         for index, pose in enumerate(poses):
             of_kind(pose, Pose, f"pose {index}", "Pose(rotation, translation)")
         super().__init__("autd3", len(poses))
         self.poses = poses
+        self.address: str | None = address
         # Importing SciPy takes longer than starting a link process, so rotations are converted
         # here.
         from scipy.spatial.transform import Rotation
@@ -89,6 +91,12 @@ class AUTD3Boards(Link):
             self._divide = round(PERIODS / rate)
         self._modulating = False
 
+    def _resource(self) -> str | None:
+        # Models of the boards run in this process and are not shared.
+        if self.name == "audit" or (self.name, self.address) == ("udp", "emulator"):
+            return None
+        return f"{self.name} at {self.address or 'its usual address'}"
+
 
 class AUTD3Link(AUTD3Boards):
     """EtherCAT link to a chain of AUTD3 boards with firmware older than 0.10, for an ``Emission``.
@@ -124,7 +132,7 @@ class AUTD3Link(AUTD3Boards):
         address: str | None = None,
         sound_speed: float | None = None,
     ) -> None:
-        super().__init__(poses)
+        super().__init__(poses, address)
         if through not in THROUGH:
             raise InvalidInput(
                 f"{through!r} is not an AUTD3 connection: use one of {', '.join(THROUGH)}.",
@@ -136,7 +144,6 @@ class AUTD3Link(AUTD3Boards):
                 code="key_missing",
             )
         self.name = through
-        self.address: str | None = address
         self.sound_speed: float | None = sound_speed
         self._lost: str | None = None
         self._smoothed: int | None = None
@@ -169,14 +176,11 @@ class AUTD3Link(AUTD3Boards):
         intensity, phase = played.astype(np.uint8)
         return Frame(intensity, phase, EIGHT_BITS)
 
-    def _resource(self) -> str | None:
-        if self.name == "audit":
-            return None
-        return f"{self.name} at {self.address or 'its usual address'}"
-
     def _begin(self) -> None:
         self._modulating = False
-        self._library = pyautd3 = _library()
+        self._library = pyautd3 = tested_library(
+            "pyautd3", "36.0.2", "autd3-legacy", "AUTD3 boards with older firmware need pyautd3"
+        )
         devices = [
             pyautd3.AUTD3(pos=1e3 * pose.translation, rot=rotation)
             for pose, rotation in zip(self.poses or (), self._rotations, strict=True)
@@ -245,8 +249,8 @@ class AUTD3Link(AUTD3Boards):
 
             self._smooth(self._divide)
             factors = np.rint(255 * self._envelope).astype(np.uint8)
-            sampling = self._library.SamplingConfig(self._divide)
-            self._sender.send((Custom(factors, sampling), gain))
+            modulation = Custom(factors, self._library.SamplingConfig(self._divide))
+            self._sender.send((modulation, gain))
             self._modulating = True
 
     def _look(self) -> None:
@@ -291,18 +295,26 @@ class AUTD3Link(AUTD3Boards):
         return words.reshape(self.boards, -1)
 
 
-def _library() -> Any:
-    with extra("autd3-legacy", "AUTD3 boards with older firmware need pyautd3"):
-        import pyautd3
-    version = importlib.metadata.version("pyautd3")
-    # The tests use this version only.
-    if version != "36.0.2":
+def tested_library(name: str, tested: str, group: str, need: str) -> Any:
+    """Import a library of the manufacturer, of the version that the tests use.
+
+    Parameters
+    ----------
+    name : name of the package.
+    tested : first numbers of the version, after which messages to the boards may change.
+    group, need : name of the extra that installs the package, and beginning of the message if it is
+        missing; see ``extra``.
+    """
+    with extra(group, need):
+        library = importlib.import_module(name)
+    version = importlib.metadata.version(name)
+    if not f"{version}.".startswith(f"{tested}."):
         raise InvalidInput(
-            f"pyautd3 {version} is not the tested version 36.0.2: run pip install "
-            "'airtact[autd3-legacy]'.",
+            f"{name} {version} is not the tested version {tested}: run pip install "
+            f"'airtact[{group}]'.",
             code="unsupported_version",
         )
-    return pyautd3
+    return library
 
 
 def _gain_of(words: UInt16[np.ndarray, "boards elements"]) -> Any:

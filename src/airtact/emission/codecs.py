@@ -33,8 +33,8 @@ class Codec:
     board : the kind of board that the messages are for.
     levels : amplitudes and phases that the board can emit.
     encoded : function that writes the message of a frame; see ``encode``.
-    decoded : function that reads the phase and amplitude of each channel from the messages to a
-        number of boards; it returns None for incomplete frames.
+    decoded : function that reads the phase and amplitude of each channel from messages to a number
+        of boards, one message per row; it returns None for incomplete frames.
     baud : speed of the board's serial line [bit/s]; None if the board has none.
     echo : bytes that the board sends back for a frame; empty if it does not answer.
     """
@@ -52,7 +52,11 @@ class Codec:
 
     def decode(self, message: bytes, boards: int = 1) -> list[Frame]:
         """Decode the messages for some boards; return an empty list if a frame is incomplete."""
-        channels = self.decoded(np.frombuffer(message, dtype=np.uint8), boards)
+        length = self._message_length(boards)
+        if not message or len(message) % length:
+            return []
+        messages = np.frombuffer(message, dtype=np.uint8).reshape(-1, length)
+        channels = self.decoded(messages, boards)
         if channels is None:
             return []
         # From (frames × boards, channels) to (frames, elements).
@@ -69,9 +73,12 @@ class Codec:
         """Largest frame rate of the boards' serial line [frames/s]; infinite if there is none."""
         if self.baud is None:
             return np.inf
-        zeros = np.zeros(boards * len(self.board), dtype=np.uint8)
         # A byte takes 10 bits, including the start and stop bits.
-        return self.baud / 10.0 / len(self.encode(Frame(zeros, zeros, self.levels)))
+        return self.baud / 10.0 / self._message_length(boards)
+
+    def _message_length(self, boards: int) -> int:
+        zeros = np.zeros(boards * len(self.board), dtype=np.uint8)
+        return len(self.encode(Frame(zeros, zeros, self.levels)))
 
     def check_rate(self, frames: int, rate: float, boards: int = 1) -> None:
         """Raise ``InvalidInput`` if a sequence is too fast for the boards' serial line.
@@ -150,24 +157,15 @@ def _openmpd(codec: Codec, frame: Frame) -> bytes:
     return np.hstack([phases, codec.channels(frame.amplitude)]).tobytes()
 
 
-def _whole(message: Bytes, length: int) -> Bytes | None:
-    """Divide a message into parts of equal length; return None if the last part is incomplete."""
-    return None if len(message) % length or not len(message) else message.reshape(-1, length)
-
-
-def _from_autd3(message: Bytes, boards: int) -> tuple[Bytes, Bytes] | None:
-    parts = _whole(message, 2 * 249 * boards)
-    if parts is None:
-        return None
-    phases, amplitudes = parts.reshape(-1, 249, 2).transpose(2, 0, 1)
+def _from_autd3(messages: Bytes, boards: int) -> tuple[Bytes, Bytes]:
+    phases, amplitudes = messages.reshape(-1, 249, 2).transpose(2, 0, 1)
     return phases, amplitudes
 
 
-def _from_sonicsurface(message: Bytes, boards: int) -> tuple[Bytes, Bytes] | None:
-    parts = _whole(message, 258 * boards + 1)
-    if parts is None or (parts[:, -1] != 0xFD).any():
+def _from_sonicsurface(messages: Bytes, boards: int) -> tuple[Bytes, Bytes] | None:
+    if (messages[:, -1] != 0xFD).any():
         return None
-    heads = parts[:, :-1].reshape(-1, boards, 258)
+    heads = messages[:, :-1].reshape(-1, boards, 258)
     if (heads[..., 0] != 0xC0 + np.arange(boards)).any() or (heads[..., 1] != 0xFE).any():
         return None
     numbers = heads[..., 2:].reshape(-1, 256)
@@ -176,27 +174,22 @@ def _from_sonicsurface(message: Bytes, boards: int) -> tuple[Bytes, Bytes] | Non
     return (numbers % 32).astype(np.uint8), (numbers < 32).astype(np.uint8)
 
 
-def _from_nano16(message: Bytes, boards: int) -> tuple[Bytes, Bytes] | None:
-    parts = _whole(message, 66)
-    if parts is None or (parts[:, 0] != 0x10).any() or (parts[:, -1] != 0).any():
+def _from_nano16(messages: Bytes, boards: int) -> tuple[Bytes, Bytes] | None:
+    if (messages[:, 0] != 0x10).any() or (messages[:, -1] != 0).any():
         return None
-    nibbles = parts[:, 1:-1].reshape(-1, 16, 2, 2)
+    nibbles = messages[:, 1:-1].reshape(-1, 16, 2, 2)
     ports = ((nibbles[..., 0] & 0xF0) | (nibbles[..., 1] >> 4)).astype(np.uint8)
     high = np.unpackbits(ports, axis=2, bitorder="little").astype(np.int8)
     begins = (high > np.roll(high, 1, axis=1)).argmax(axis=1)
     return begins.astype(np.uint8), np.asarray(high.any(axis=1), dtype=np.uint8)
 
 
-def _from_openmpd(message: Bytes, boards: int) -> tuple[Bytes, Bytes] | None:
-    parts = _whole(message, 512 * boards)
-    if parts is None:
-        return None
-    phases, amplitudes = parts.reshape(-1, 2, 256).transpose(1, 0, 2)
+def _from_openmpd(messages: Bytes, boards: int) -> tuple[Bytes, Bytes] | None:
+    phases, amplitudes = messages.reshape(-1, 2, 256).transpose(1, 0, 2)
     if (phases[:, 0] < 0x80).any() or (phases[:, 1:] > 127).any() or (amplitudes > 64).any():
         return None
     shift = (64 - amplitudes.astype(np.int64)) // 2
-    unshifted = (phases.astype(np.int64) - shift) % 128
-    return unshifted.astype(np.uint8), amplitudes
+    return ((phases.astype(np.int64) - shift) % 128).astype(np.uint8), amplitudes
 
 
 def codec_of(board: Board | str) -> Codec:

@@ -410,20 +410,6 @@ class Emission:
         self.link.check_elements(sequence.drives.shape[1])
         self.link.check_sequence(len(sequence), sequence.rate)
 
-    def _safe_cap(self, drives: Complex128[np.ndarray, "drives elements"]) -> float:
-        self.beat()
-        link = self.link
-        if link.poses is None:
-            raise InvalidInput(
-                f"the poses of the {link.boards} boards of the {link.name} link are unknown, so no "
-                "safe level can be computed: set a cap, such as 0.1.",
-                code="key_missing",
-            )
-        elements = link.codec.board.positions
-        positions = np.concatenate([pose.apply(elements) for pose in link.poses])
-        wavenumber = air().wavenumber(40e3).real
-        return HeadLevel(drives, positions, link.levels, wavenumber).safe_cap()
-
     def _play(
         self,
         drives: Complex128[np.ndarray, "drives elements"],
@@ -432,7 +418,20 @@ class Emission:
         wait: bool = True,
         at: float | None = None,
     ) -> Frame:
-        cap = self._safe_cap(drives) if self.cap is None else self.cap
+        cap = self.cap
+        if cap is None:
+            self.beat()
+            link = self.link
+            if link.poses is None:
+                raise InvalidInput(
+                    f"the poses of the {link.boards} boards of the {link.name} link are unknown, "
+                    "so no safe level can be computed: set a cap, such as 0.1.",
+                    code="key_missing",
+                )
+            elements = link.codec.board.positions
+            positions = np.concatenate([pose.apply(elements) for pose in link.poses])
+            wavenumber = air().wavenumber(40e3).real
+            cap = HeadLevel(drives, positions, link.levels, wavenumber).safe_cap()
         frame, left, self.share = self._ask("play", drives, factors, rate, cap, at)
         if wait:
             self._outlast(left)

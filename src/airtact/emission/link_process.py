@@ -48,22 +48,20 @@ class Channel:
     Parameters
     ----------
     end : one of two connected sockets.
-    patience : time within which the other end must accept a message [s].
     """
 
     # The header of each message is its length in bytes.
     LENGTH = struct.Struct("<Q")
 
-    def __init__(self, end: socket.socket, patience: float = 10.0) -> None:
+    def __init__(self, end: socket.socket) -> None:
         self._socket = end
-        self._patience = patience
         self._received = bytearray()
 
     def send(self, message: tuple[object, ...]) -> None:
-        """Send picklable objects; raise OSError if the other end does not accept them."""
+        """Send picklable objects; raise OSError if the other end does not accept them in 10 s."""
         data = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
         # An owner that does not read messages must not block the player's watchdog.
-        self._socket.settimeout(self._patience)
+        self._socket.settimeout(10.0)
         self._socket.sendall(self.LENGTH.pack(len(data)) + data)
 
     def receive(self, seconds: float) -> tuple[Any, ...] | None:
@@ -347,8 +345,13 @@ def serve(
                         if name == "close" and player is not None:
                             player.alive(5.0)
                         answer = getattr(player, name)(*arguments)
+                except (InvalidInput, LinkFailed) as error:
+                    # Their causes may not be picklable.
+                    error.__cause__ = error.__context__ = None
+                    fault = error
                 except BaseException as error:
-                    fault = _carried(error)
+                    words = f"the link raised {type(error).__name__}: {error}."
+                    fault = LinkFailed(words, code="link_failed")
                 channel.send((number, answer, fault, 0 if player is None else player.link.sent))
                 if name == "close" or player is None:
                     return True
@@ -362,13 +365,6 @@ def serve(
             closed = _silenced(player)
         channel.close()
     return closed
-
-
-def _carried(error: BaseException) -> BaseException:
-    if isinstance(error, InvalidInput | LinkFailed):
-        error.__cause__ = error.__context__ = None
-        return error
-    return LinkFailed(f"the link raised {type(error).__name__}: {error}.", code="link_failed")
 
 
 def _silenced(player: Player) -> bool:

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Complex128, Float64, Int64
+from jaxtyping import Complex128, Float64
 
 from airtact.drives.drive_file import DriveFile
 from airtact.emission.codecs import codec_of
@@ -215,8 +215,7 @@ def _holograms(path: Path) -> Drives:
         raise _unreadable(path, "is not a file of holograms written by AcousTools")
     rows = np.frombuffer(data, dtype=np.uint8).reshape(-1, 5)
     numbers = np.where(rows[:, :4].any(axis=1), 64, rows[:, 4]).astype(np.int64)
-    ends = np.flatnonzero(numbers == 63)
-    parts = np.split(numbers, ends)
+    parts = np.split(numbers, np.flatnonzero(numbers == 63))
     # Each part except the first begins with its mark, and the last part is only a mark.
     parts = [parts[0], *(part[1:] for part in parts[1:])]
     lengths = {len(part) for part in parts[:-1]}
@@ -227,16 +226,12 @@ def _holograms(path: Path) -> Drives:
         raise _unreadable(path, "has levels above 32")
     drives = levels[:, 1] / 32.0 * np.exp(2j * np.pi / 32.0 * (levels[:, 0] - 16.0))
     count = drives.shape[1]
-    return drives[:, _openmpd_order(count)] if count in (256, 512) else drives
-
-
-def _openmpd_order(count: int) -> Int64[np.ndarray, "elements"]:
-    """Return AcousTools' index of each element, in the order of OpenMPD's boards."""
-    grid = np.arange(256).reshape(16, 16)
+    if count not in (256, 512):
+        return drives
     # The upper board hangs upside down. It is turned about y, so its x axis is reversed.
-    upper = grid[::-1, ::-1].ravel()
-    lower = 256 + grid[:, ::-1].ravel()
-    return upper if count == 256 else np.concatenate([upper, lower])
+    grid = np.arange(256).reshape(16, 16)
+    order = np.concatenate([grid[::-1, ::-1].ravel(), 256 + grid[:, ::-1].ravel()])
+    return drives[:, order[:count]]
 
 
 # --- Ultraino ---------------------------------------------------------------------------------

@@ -335,8 +335,7 @@ class Player:
         assert self._sound is not None
         assert self._strongest is not None
         now = time.monotonic()
-        item = self._strongest if self.link.plays_itself else self._sound.at(now)
-        drive, factor, full = item
+        drive, factor, full = self._strongest if self.link.plays_itself else self._sound.at(now)
         gain = self._gain
         if self._modulation is not None:
             gain *= self._modulation.at(now)

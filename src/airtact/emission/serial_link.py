@@ -97,8 +97,8 @@ class SerialLink(Link):
         self._deliver(frame)
 
     def _silence(self) -> None:
-        self._deliver(self.zero())
-        self._deliver(self.zero())
+        for _ in range(2):  # each of the two buffers
+            self._deliver(self.zero())
 
     def _look(self) -> None:
         # Sending the last frame again changes nothing, but it fails if the cable is unplugged.

@@ -10,7 +10,13 @@ import numpy as np
 from jaxtyping import Float64, UInt8
 
 from airtact.drives.frame import Frame
-from airtact.emission.autd3_link import INTENSITY_FADE, PERIODS, PHASE_FADE, AUTD3Boards
+from airtact.emission.autd3_link import (
+    INTENSITY_FADE,
+    PERIODS,
+    PHASE_FADE,
+    AUTD3Boards,
+    tested_library,
+)
 from airtact.errors import InvalidInput, extra
 from airtact.geometry.pose import Pose
 
@@ -49,13 +55,12 @@ class UDPLink(AUTD3Boards):
     lead = 0.05
 
     def __init__(self, poses: Sequence[Pose], address: str | None = None) -> None:
-        super().__init__(poses)
+        super().__init__(poses, address)
         if self.boards > 128:
             raise InvalidInput(
                 f"the udp link drives at most 128 AUTD3 boards, not {self.boards}.",
                 code="sizes_differ",
             )
-        self.address: str | None = address
         self._smoothed = PHASE_FADE
         self._bank = 0
         self._modulated = False  # whether the boards play a modulation
@@ -65,13 +70,13 @@ class UDPLink(AUTD3Boards):
         self._client: Any = None
         self._emulator: Any = None
 
-    def _resource(self) -> str | None:
-        if self.address == "emulator":
-            return None
-        return f"udp at {self.address or 'its usual address'}"
-
     def _begin(self) -> None:
-        self._sdk = sdk = _sdk()
+        need = "AUTD3 boards that use UDP need autd3"
+        # Before version 1, a change of the second number changes the messages.
+        self._sdk = sdk = tested_library("autd3", "0.12", "autd3", need)
+        with extra("autd3", need):
+            import autd3_modulation  # noqa: F401
+            import autd3_pattern  # noqa: F401
         milliseconds = sdk.Duration.from_millis
         self._geometry = sdk.geometry.Geometry(
             [
@@ -283,18 +288,3 @@ class UDPLink(AUTD3Boards):
             return await start()
 
         return self._loop.run_until_complete(work())
-
-
-def _sdk() -> Any:
-    with extra("autd3", "AUTD3 boards that use UDP need autd3"):
-        import autd3
-        import autd3_modulation  # noqa: F401
-        import autd3_pattern  # noqa: F401
-    version = importlib.metadata.version("autd3")
-    # Before version 1, a change of the second number changes the messages.
-    if not version.startswith("0.12."):
-        raise InvalidInput(
-            f"autd3 {version} is not the tested version 0.12: run pip install 'airtact[autd3]'.",
-            code="unsupported_version",
-        )
-    return autd3
