@@ -29,9 +29,6 @@ from airtact.transducers.layout import PhasedArray
 Received = Complex[np.ndarray, "receivers transmissions"]
 Twist = Float64[np.ndarray, "6"]
 
-# Twist of bodies that do not move.
-STILL = np.zeros(6)
-
 
 @dataclass(frozen=True, eq=False)
 class EchoModel:
@@ -88,7 +85,7 @@ class EchoModel:
             valid=None if self.valid is None else self.valid[receivers, :transmissions],
         )
 
-    def echoes(self, twist: Twist = STILL) -> Received:
+    def echoes(self, twist: Twist) -> Received:
         """Return the pressures (R, M) that the moved bodies scatter to the receivers [Pa]."""
         return self._received(twist, self._scattered(self._incident(twist)))[0]
 
@@ -154,8 +151,7 @@ def _array_waves(
     waves = np.zeros((wave_count(order), len(array)), dtype=np.complex64)
     # Process one point of all faces at a time to limit the memory.
     for weight, points in zip(array.element.weights, np.swapaxes(faces, 0, 1), strict=True):
-        strengths = weight * array.gains
-        waves += monopole_waves(order, points, scattering.scene.wavenumber, strengths)
+        waves += monopole_waves(order, points, scattering.scene.wavenumber, weight * array.gains)
     waves.flags.writeable = False
     return waves
 

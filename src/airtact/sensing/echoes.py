@@ -122,8 +122,20 @@ class Echoes:
             "frequency": check_frequency(self.frequency),
         }
         if self.valid is not None:
-            checked["valid"] = _checked_valid(self.valid, pressures.shape)
-            pressures = np.where(checked["valid"], pressures, 0.0)
+            valid = np.array(self.valid)
+            if valid.dtype != np.bool_ or valid.shape != pressures.shape:
+                raise InvalidInput(
+                    f"valid is {valid.dtype} of shape {valid.shape}; pass True or False for each "
+                    f"pressure, with shape {pressures.shape}.",
+                    code="sizes_differ",
+                )
+            if not valid.any():
+                raise InvalidInput(
+                    "no pressure is valid; let some elements emit while the others receive.",
+                    code="link_failed",
+                )
+            checked["valid"] = valid
+            pressures = np.where(valid, pressures, 0.0)
         if self.noise is not None:
             checked["noise"] = positive(self.noise, "the noise of echoes", "Pa")
         for name, value in {**checked, "pressures": pressures}.items():
@@ -271,24 +283,6 @@ def _table(
         raise InvalidInput(f"{name} are empty: their shape is {table.shape}.", code="empty")
     check_finite(table, name)
     return table
-
-
-def _checked_valid(
-    valid: Bool[np.ndarray, "receivers transmissions"], shape: tuple[int, ...]
-) -> Bool[np.ndarray, "receivers transmissions"]:
-    valid = np.array(valid)
-    if valid.dtype != np.bool_ or valid.shape != shape:
-        raise InvalidInput(
-            f"valid is {valid.dtype} of shape {valid.shape}; pass True or False for each pressure, "
-            f"with shape {shape}.",
-            code="sizes_differ",
-        )
-    if not valid.any():
-        raise InvalidInput(
-            "no pressure is valid; let some elements emit while the others receive.",
-            code="link_failed",
-        )
-    return valid
 
 
 def _checked_receivers(

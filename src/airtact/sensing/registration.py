@@ -559,7 +559,7 @@ def unexplained(
     check_elements(echoes, array, "echoes")
     expected = EchoModel.of(
         scattering, array.seen_from(pose), np.asarray(echoes.codes), echoes.receiving
-    ).echoes()
+    ).echoes(np.zeros(6))
     pressures = np.asarray(echoes.pressures)
     received = np.ones(pressures.shape, bool) if echoes.valid is None else np.asarray(echoes.valid)
     squares = np.sum(np.abs(np.where(received, pressures - expected, 0.0)) ** 2, axis=1)

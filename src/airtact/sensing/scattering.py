@@ -137,7 +137,17 @@ def scattering_matrix(
         )
     check_no_planes(scene, "a scattering matrix")
     centre, radius = ball_of(scene) if ball is None else ball
-    order = _order(scene.wavenumber.real * radius, accuracy)
+    # The order exceeds kR by an amount that grows as d^(2/3) (kR)^(1/3) for d digits of accuracy
+    # (W. C. Chew and others, Fast and Efficient Algorithms in Computational Electromagnetics, 2001,
+    # section 3.4). The factor was determined on pairs of capsules.
+    reach = scene.wavenumber.real * radius
+    order = int(np.ceil(reach + 0.8 * (-np.log10(accuracy)) ** (2 / 3) * np.cbrt(reach)))
+    if order > 80:  # 6,561 waves need 0.7 GB
+        raise InvalidInput(
+            f"the bodies require waves up to order {order}, but at most 80 is allowed. Use smaller "
+            "bodies, such as the fingers without the hand, or a larger value of accuracy.",
+            code="too_many",
+        )
     outer = radius + scene.wavelength  # radius of the layer of sources
     # Three additional orders avoid aliasing.
     directions, weights = sphere_rule(order + 3)
@@ -200,23 +210,6 @@ def check_own(scattering: ScatteringMatrix, scene: Scene) -> None:
         )
 
 
-def _order(reach: float, accuracy: float) -> int:
-    """Return the highest order for a relative accuracy; ``reach`` is k times the radius.
-
-    The order exceeds kR by an amount that grows as d^(2/3) (kR)^(1/3) for d digits of accuracy (W.
-    C. Chew and others, Fast and Efficient Algorithms in Computational Electromagnetics, 2001,
-    section 3.4). The factor was determined on pairs of capsules.
-    """
-    order = int(np.ceil(reach + 0.8 * (-np.log10(accuracy)) ** (2 / 3) * np.cbrt(reach)))
-    if order > 80:  # 6,561 waves need 0.7 GB
-        raise InvalidInput(
-            f"the bodies require waves up to order {order}, but at most 80 is allowed. Use smaller "
-            "bodies, such as the fingers without the hand, or a larger value of accuracy.",
-            code="too_many",
-        )
-    return order
-
-
 def reaching_patterns(
     scene: Scene, centre: Float64[np.ndarray, "3"], order: int, smallest: float
 ) -> Float64[np.ndarray, "waves patterns"] | None:
@@ -231,7 +224,18 @@ def reaching_patterns(
     interior resonance, a wave vanishes on the surfaces. Patterns with an rms pressure below
     ``smallest`` times the largest are omitted.
     """
-    points = _points_of(scene) - centre
+    # Choose random points on the triangles of the surfaces, and the same number below them [m].
+    random = np.random.default_rng(0)
+    corners = np.concatenate([body.surface.corners for body in scene.obstacles])
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.linalg.norm(normals, axis=1) / 2.0
+    count = int(np.ceil(30 * areas.sum() / scene.wavelength**2))  # 30 per square wavelength
+    # Stratified sampling: one point in each equal part of the area.
+    levels = (np.arange(count) + random.random(count)) / count * areas.sum()
+    chosen = np.minimum(np.searchsorted(np.cumsum(areas), levels), len(areas) - 1)
+    on_skin = np.einsum("pc,pci->pi", random.dirichlet(np.ones(3), count), corners[chosen])
+    inwards = -normals[chosen] / (2.0 * areas[chosen, None])
+    points = np.concatenate([on_skin, on_skin + 0.2 * scene.wavelength * inwards]) - centre
     squares = np.zeros((wave_count(order), wave_count(order)), dtype=np.float32)
     for block in np.split(points, range(4096, len(points), 4096)):
         waves = regular_waves(order, block, scene.wavenumber.real).astype(np.float32)
@@ -242,22 +246,6 @@ def reaching_patterns(
     count = int(np.count_nonzero(values > smallest**2 * values[-1]))
     # If most patterns are needed, selecting them saves no work.
     return patterns[:, -count:].astype(np.float64) if count < 0.8 * len(values) else None
-
-
-def _points_of(scene: Scene) -> Float64[np.ndarray, "points 3"]:
-    # Return random points on the triangles of the surfaces, and the same number below them [m].
-    random = np.random.default_rng(0)
-    corners = np.concatenate([body.surface.corners for body in scene.obstacles])
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = np.linalg.norm(normals, axis=1) / 2.0
-    count = int(np.ceil(30 * areas.sum() / scene.wavelength**2))  # 30 per square wavelength
-    # Stratified sampling: one point in each equal part of the area.
-    levels = (np.arange(count) + random.random(count)) / count * areas.sum()
-    chosen = np.minimum(np.searchsorted(np.cumsum(areas), levels), len(areas) - 1)
-    shares = random.dirichlet(np.ones(3), count)
-    points = np.einsum("pc,pci->pi", shares, corners[chosen])
-    inwards = -normals[chosen] / (2.0 * areas[chosen, None])
-    return np.concatenate([points, points + 0.2 * scene.wavelength * inwards])
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,13 +307,9 @@ class ScatteringFamily:
     @cached_property
     def error(self) -> float:
         """Relative interpolation error, estimated from the decay of the Chebyshev coefficients."""
-        matrices = np.stack([solved.matrix for solved in self.matrices])
+        matrices = np.stack([solved.matrix.ravel() for solved in self.matrices])
         count = len(matrices)
-        coefficients = chebyshev.chebfit(
-            chebyshev.chebpts1(count),
-            matrices.reshape(len(matrices), -1),
-            len(matrices) - 1,
-        )
+        coefficients = chebyshev.chebfit(chebyshev.chebpts1(count), matrices, count - 1)
         sizes = np.linalg.norm(coefficients, axis=1)
         # The first omitted coefficient continues the geometric decay of the last two.
         return float(sizes[-1] ** 2 / max(sizes[-2] * sizes[0], 1e-300))
@@ -428,8 +412,9 @@ def scattering_family(
     centre = np.mean([middle for middle, _ in balls], axis=0)
     # One ball is used for all values, so that all matrices have the same waves.
     radius = max(float(np.linalg.norm(middle - centre)) + size for middle, size in balls)
-    ball = (centre, radius)
-    matrices = tuple(scattering_matrix(solver, scene, accuracy, ball) for scene in scenes)
+    matrices = tuple(
+        scattering_matrix(solver, scene, accuracy, (centre, radius)) for scene in scenes
+    )
     family = ScatteringFamily(low, high, start, matrices)
     # This translation changes the matrix as much as half the range does.
     shift = 0.5 * (high - low) * family.effect

@@ -250,7 +250,7 @@ class ArrayFit:
         squares, slope = self.equations(here, units)
         damping = 1e-3
         for count in range(1, 61):
-            step = _damped_step(squares, slope, damping)
+            step = -np.linalg.solve(squares + damping * np.diag(np.diag(squares)), slope)
             motions = (step * units)[:-1].reshape(-1, 6)
             moving = [moved(*board) for board in zip(here.boards[1:], motions, strict=True)]
             faster = here.wavenumber + step[-1] * units[-1]
@@ -285,11 +285,6 @@ class ArrayFit:
                 model[rows, columns] = direct
                 model[columns, rows] = direct.T
         model *= self.counted
-        reception, emission = self._gains(model, reception, emission)
-        cost = float(np.sum(np.abs(reception[:, None] * emission * model - self.measured) ** 2))
-        return ArrayState(boards, wavenumber, reception, emission, slopes, model, cost)
-
-    def _gains(self, model: Pairs, reception: Gains, emission: Gains) -> tuple[Gains, Gains]:
         # The gains follow from alternating least squares; unused gains stay the same.
         turned = model.conj() * self.measured
         power = np.abs(model) ** 2
@@ -300,7 +295,8 @@ class ArrayFit:
             emission = _shares(reception.conj() @ turned, np.abs(reception) ** 2 @ power, emission)
             if np.linalg.norm(emission - before) < 1e-5 * np.linalg.norm(emission):
                 break
-        return reception, emission
+        cost = float(np.sum(np.abs(reception[:, None] * emission * model - self.measured) ** 2))
+        return ArrayState(boards, wavenumber, reception, emission, slopes, model, cost)
 
     def equations(self, here: ArrayState, units: Step) -> tuple[Squares, Step]:
         """Return the normal matrix and half the gradient of the cost, after eliminating the gains.
@@ -587,10 +583,6 @@ def moved(board: PhasedArray, motion: Float64[np.ndarray, "6"]) -> PhasedArray:
     middle = board.positions.mean(axis=0)
     turn = Rotation.from_rotvec(motion[3:]).as_matrix()
     return board.moved(Pose(turn, middle - turn @ middle + motion[:3]))
-
-
-def _damped_step(squares: Squares, slope: Step, damping: float) -> Step:
-    return -np.linalg.solve(squares + damping * np.diag(np.diag(squares)), slope)
 
 
 def _units(boards: tuple[PhasedArray, ...], wavenumber: complex) -> Step:

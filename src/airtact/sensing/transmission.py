@@ -335,8 +335,7 @@ def simulate_echoes(
     >>> simulate_echoes(solver, scene, array, random_codes(249, 4), noise=20.0)
     Echoes(249 elements, 4 transmissions, 249 receivers, 40000 Hz)
     """
-    solvers = Solver | ScatteringMatrix
-    of_kind(made_by, solvers, "made_by", "a solver or a scattering matrix")
+    of_kind(made_by, Solver | ScatteringMatrix, "made_by", "a solver or a scattering matrix")
     check_placement(scene, array)
     if len(codes) != len(array):
         raise InvalidInput(
@@ -352,7 +351,7 @@ def simulate_echoes(
     receiving = checked.receiving
     if isinstance(made_by, ScatteringMatrix):
         check_own(made_by, scene)
-        pressures = EchoModel.of(made_by, array, drives, receiving).echoes()
+        pressures = EchoModel.of(made_by, array, drives, receiving).echoes(np.zeros(6))
     else:
         check_no_planes(scene, "a simulation of echoes")
         faces = array.face_points.reshape(-1, 3)
@@ -382,6 +381,5 @@ def noisy(
     slip = "it is the ratio of the echoes to the noise."
     decibels = between(decibels, -300.0, 300.0, "the noise", "dB", slip)
     deviation = 10.0 ** (-decibels / 20.0) * float(np.sqrt(np.mean(np.abs(pressures) ** 2)))
-    random = np.random.default_rng(seed)
-    parts = random.normal(size=(2, *pressures.shape)) / np.sqrt(2.0)
+    parts = np.random.default_rng(seed).normal(size=(2, *pressures.shape)) / np.sqrt(2.0)
     return pressures + deviation * (parts[0] + 1j * parts[1]), deviation
