@@ -197,12 +197,9 @@ def contact(
     # A triangle with edges of at most √3 times a ball's radius cannot surround the ball.
     smallest = min((thing.ball[1] for thing in things), default=np.inf)
     skin = skin_of(hand, min(6e-3, np.sqrt(3.0) * smallest))
-    return Contacts(skin, things, offset, _refined(skin, things, find(skin, things)))
-
-
-def _refined(skin: Skin, objects: Sequence[VirtualObject], found: ContactArrays) -> ContactArrays:
-    """Move the points of contacts to the deepest points of the exact surfaces."""
     assert skin.bodies is not None
+    found = find(skin, things)
+    # Move the points of contacts to the deepest points of the exact surfaces.
     points = found.points.copy()
     normals = found.normals.copy()
     depths = found.depths.copy()
@@ -211,7 +208,7 @@ def _refined(skin: Skin, objects: Sequence[VirtualObject], found: ContactArrays)
     circle = np.stack([np.cos(turns), np.sin(turns), np.zeros(8)], axis=1)
     for index in range(len(depths)):
         shape = skin.bodies[found.places[index]].shape
-        thing = objects[found.objects[index]]
+        thing = things[found.objects[index]]
         point = shape.project(points[index : index + 1])
         for radius in (1e-3, 0.3e-3, 0.1e-3):
             normal = outward(shape.depth, point)
@@ -226,4 +223,5 @@ def _refined(skin: Skin, objects: Sequence[VirtualObject], found: ContactArrays)
         points[index] = point[0]
         normals[index] = outward(shape.depth, point)[0]
         depths[index] = thing.exact_depth(point)[0]
-    return found._replace(points=points, normals=normals, depths=depths)
+    found = found._replace(points=points, normals=normals, depths=depths)
+    return Contacts(skin, things, offset, found)

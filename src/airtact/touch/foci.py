@@ -12,11 +12,11 @@ from airtact.touch.finding import ContactArrays
 from airtact.touch.objects import VirtualObject
 from airtact.touch.skin import Skin
 
+# Default largest number of foci. People can hardly distinguish more.
 MAX_FOCI = 8
-"""Default largest number of foci. People can hardly distinguish more."""
 
+# Default wavelength [m], for 40 kHz in air at 20 °C.
 WAVELENGTH = 8.6e-3
-"""Default wavelength [m], for 40 kHz in air at 20 °C."""
 
 
 @dataclass(frozen=True, eq=False)

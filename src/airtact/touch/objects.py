@@ -18,11 +18,11 @@ from airtact.touch.textures import Grating, HeightMap
 MAX_OBJECTS = 64
 """Largest number of virtual objects."""
 
+# Smallest radius of the ball around an object [m].
 MIN_RADIUS = 2e-3
-"""Smallest radius of the ball around an object [m]."""
 
+# Strength at first touch, as a share of full strength.
 FIRST_STRENGTH = 0.2
-"""Strength at first touch, as a share of full strength."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,8 +108,7 @@ class VirtualObject:
             of_kind(self.texture, Grating | HeightMap, "a texture", "one of these")
 
     def __repr__(self) -> str:
-        kind = type(self.shape).__name__.lower()
-        return one_line(self, self.name, kind, self.style)
+        return one_line(self, self.name, type(self.shape).__name__.lower(), self.style)
 
     def moved(self, pose: Pose) -> "VirtualObject":
         """Return a copy of the object, rotated and translated by ``pose`` in the scene."""
@@ -154,8 +153,7 @@ class VirtualObject:
             full_at = self.shape.travel if isinstance(self.shape, Button) else 2e-3
             stiffness = (1.0 - FIRST_STRENGTH) / full_at
         # Start at a fifth of full strength, because a weaker first touch could not be felt.
-        rising = FIRST_STRENGTH + stiffness * np.maximum(depths, 0.0)
-        strengths = np.minimum(rising, 1.0)
+        strengths = np.minimum(FIRST_STRENGTH + stiffness * np.maximum(depths, 0.0), 1.0)
         if self.texture is None:
             return strengths
         return strengths * self.texture.heights(self._local(points))

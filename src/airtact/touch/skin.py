@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import cast
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64, Int64, Real
@@ -22,8 +22,8 @@ from airtact.hands.joints import FINGERS
 
 Points = Float64[np.ndarray, "points 3"]
 
+# Largest number of skin points.
 MAX_POINTS = 100_000
-"""Largest number of skin points."""
 
 # Function that returns distances [m] from a surface and its normals at points.
 Look = Callable[[Real[np.ndarray, "points 3"]], tuple[PointLengths, Points]]
@@ -72,8 +72,14 @@ class Skin:
 
     def __post_init__(self) -> None:
         if self.neighbours is None:
-            found = _neighbours(self.triangles, len(self.points))
-            object.__setattr__(self, "neighbours", found)
+            ends = edge_ends(self.triangles).reshape(-1, 2)
+            # List both directions of each edge once, sorted by their first point.
+            pairs = np.unique(np.concatenate([ends, ends[:, ::-1]]), axis=0)
+            degrees = np.bincount(pairs[:, 0], minlength=len(self.points))
+            column = np.arange(len(pairs)) - np.repeat(np.cumsum(degrees) - degrees, degrees)
+            neighbours = np.repeat(np.arange(len(degrees))[:, None], degrees.max(), axis=1)
+            neighbours[pairs[:, 0], column] = pairs[:, 1]
+            object.__setattr__(self, "neighbours", neighbours)
 
     def moved(
         self,
@@ -134,10 +140,9 @@ def skin_of(bodies: Bodies, longest_edge: float = 6e-3) -> Skin:
     (('body 1', 'body 2'), True)
     """
     longest_edge = between(longest_edge, 1e-3, 0.05, "the longest edge", "m")
-    if isinstance(bodies, Hand | Surface):
-        named: dict[str, Hand | Surface] = {"skin": bodies}
-    elif isinstance(bodies, Mapping):
-        named = dict(cast("Mapping[str, Hand | Surface]", bodies))
+    named: dict[str, Any]
+    if isinstance(bodies, Mapping):
+        named = dict(bodies)
     elif isinstance(bodies, Iterable):
         named = {f"body {index + 1}": body for index, body in enumerate(bodies)}
     else:
@@ -207,16 +212,3 @@ def _fine_mesh(
         parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
         triangles = np.concatenate([np.stack(part, axis=1) for part in parts])
     return fixed(vertices), triangles
-
-
-def _neighbours(
-    triangles: Int64[np.ndarray, "triangles 3"], count: int
-) -> Int64[np.ndarray, "points most"]:
-    ends = edge_ends(triangles).reshape(-1, 2)
-    # List both directions of each edge once, sorted by their first point.
-    pairs = np.unique(np.concatenate([ends, ends[:, ::-1]]), axis=0)
-    degrees = np.bincount(pairs[:, 0], minlength=count)
-    column = np.arange(len(pairs)) - np.repeat(np.cumsum(degrees) - degrees, degrees)
-    neighbours = np.repeat(np.arange(count)[:, None], degrees.max(), axis=1)
-    neighbours[pairs[:, 0], column] = pairs[:, 1]
-    return neighbours

@@ -298,25 +298,18 @@ class SurfaceSolid(Solid):
     __repr__ = in_short
 
     @cached_property
-    def _lowest(self) -> Vector3:
-        # The grid extends 2 mm beyond the mesh.
-        return self.surface.vertices.min(axis=0) - 2e-3
-
-    # With 40 steps there are at most 69,000 nodes; computing their depths takes 1 to 2 s per mesh.
-    @cached_property
-    def _step(self) -> float:
-        longest = float(np.ptp(self.surface.vertices, axis=0).max()) + 4e-3
-        return longest / 40.0
-
-    @cached_property
-    def _depths(self) -> Float64[np.ndarray, "x y z"]:
-        spans = self.surface.vertices.max(axis=0) + 2e-3 - self._lowest
+    def _grid(self) -> tuple[Vector3, float, Float64[np.ndarray, "x y z"]]:
+        # First node and spacing [m] of a grid that extends 2 mm beyond the mesh, and the depths.
+        lowest = self.surface.vertices.min(axis=0) - 2e-3
+        spans = self.surface.vertices.max(axis=0) + 2e-3 - lowest
+        # With 40 steps there are at most 69,000 nodes; their depths take 1 to 2 s per mesh.
+        step = float(spans.max()) / 40.0
         axes = [
-            low + self._step * np.arange(int(np.ceil(span / self._step)) + 1)
-            for low, span in zip(self._lowest, spans, strict=True)
+            low + step * np.arange(int(np.ceil(span / step)) + 1)
+            for low, span in zip(lowest, spans, strict=True)
         ]
         nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-        return self.surface.depth(nodes.reshape(-1, 3)).reshape(nodes.shape[:3])
+        return lowest, step, self.surface.depth(nodes.reshape(-1, 3)).reshape(nodes.shape[:3])
 
     @cached_property
     def error(self) -> float:
@@ -333,12 +326,12 @@ class SurfaceSolid(Solid):
             return self.surface.shape.depth(points)
         from scipy.ndimage import map_coordinates
 
-        last = np.array(self._depths.shape) - 1.0
-        cells = (points - self._lowest) / self._step
-        nearest = np.clip(cells, 0.0, last)
+        lowest, step, depths = self._grid
+        cells = (points - lowest) / step
+        nearest = np.clip(cells, 0.0, np.array(depths.shape) - 1.0)
         # Outside the grid, subtract the distance to it, which gives a lower bound of the depth.
-        beyond = self._step * np.linalg.norm(cells - nearest, axis=1)
-        return map_coordinates(self._depths, nearest.T, order=1) - beyond
+        beyond = step * np.linalg.norm(cells - nearest, axis=1)
+        return map_coordinates(depths, nearest.T, order=1) - beyond
 
     def exact_depth(self, points: Points) -> PointLengths:
         return self.surface.shape.depth(points)

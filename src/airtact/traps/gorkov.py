@@ -335,17 +335,16 @@ def derivatives_inside(
     The pressures are those in the ``DIRECTIONS`` from each centre.
     """
     pressure = pressure * (_weights / (4.0 * np.pi))
-    directions = DIRECTIONS
     waves = [spherical_jn(order, wavenumber * radius) for order in range(4)]
     identity = np.eye(3)
-    second = np.einsum("qi,qj->qij", directions, directions)
-    third = np.einsum("qij,qk->qijk", second, directions)
+    second = np.einsum("qi,qj->qij", DIRECTIONS, DIRECTIONS)
+    third = np.einsum("qij,qk->qijk", second, DIRECTIONS)
     # Subtract the traces of the direction tensors.
     second = second - identity / 3.0
-    third = third - _symmetric(directions) / 5.0
+    third = third - _symmetric(DIRECTIONS) / 5.0
 
     centre = pressure.sum(axis=1) / waves[0]
-    gradient = wavenumber * (pressure @ directions) / waves[1][:, None]
+    gradient = wavenumber * (pressure @ DIRECTIONS) / waves[1][:, None]
     curvature = np.einsum("pq,qij->pij", pressure, second) / waves[2][:, None, None]
     curvature = wavenumber**2 * (curvature - identity / 3.0 * centre[:, None, None])
     cubic = np.einsum("pq,qijk->pijk", pressure, third) / waves[3][:, None, None, None]
@@ -579,8 +578,7 @@ def _largest_hold(field: RadiatedField, point: Float64[np.ndarray, "3"], bead: B
     free = clearances(field, points.reshape(-1, 3)) >= bead.room(field.scene)
     restoring = np.zeros(len(free))
     if free.any():
-        sound = derivatives(field, points.reshape(-1, 3)[free], bead)
-        pull = force_of(sound, bead, field.scene)
+        pull = force_of(derivatives(field, points.reshape(-1, 3)[free], bead), bead, field.scene)
         restoring[free] = -np.sum(pull * np.tile(ways, (10, 1))[free], axis=1)
     return max(0.0, float(restoring.reshape(10, 6).max(axis=0).min()))
 

@@ -312,9 +312,8 @@ def signature(
     # The mean of the normals is close to 0 if elements face each other, and 0.5 for a hemispherical
     # bowl.
     front = array.normals.mean(axis=0)
-    if np.linalg.norm(front) < 0.3:
-        front = axis
-    front = front / np.linalg.norm(front)
+    length = np.linalg.norm(front)
+    front = axis if length < 0.3 else front / length
     across = offsets - (offsets @ front)[:, None] * front
     distance = np.linalg.norm(across, axis=1)
     if distance.max() < 1e-6:
@@ -560,7 +559,28 @@ def path(
         points.append(start + way * np.arange(steps)[:, None] / max(steps, 1))
     points = np.concatenate(points)
     drives, field = field_of(points)
-    _check_followed(field, bead, points)
+    # Check that the bead follows from each equilibrium to the next.
+    excitations = np.arange(len(points))
+    sound = derivatives(field, points, bead, excitations)
+    matrices = stiffness_of(sound, bead, scene)
+    pulls = force_of(sound, bead, scene)
+    rests = points + np.einsum("pij,pj->pi", np.linalg.pinv(matrices, rcond=1e-6), pulls)
+    before = np.roll(rests, 1, axis=0)
+    ways = rests - before
+    sound = derivatives(field, before, bead, excitations)
+    restoring = np.einsum("pi,pi->p", force_of(sound, bead, scene), ways)
+    linear = np.einsum("pi,pij,pj->p", ways, matrices, ways)
+    # In a standing wave, the force sin(2kx) K/(2k) peaks at K λ/(4π), 2/π of the linear force.
+    holds = np.linalg.eigvalsh(matrices)[:, 0] * scene.wavelength / (4.0 * np.pi)
+    lost = (holds <= 9.80665 * bead.mass) | (restoring < 2.0 / np.pi * linear)
+    if lost.any():
+        index = int(lost.argmax())
+        raise InvalidInput(
+            f"the bead would be lost on its way to {in_mm(points[index])}. Move the path, choose "
+            "another axis, or set a smaller share.",
+            points[index],
+            code="misplaced",
+        )
     longest = np.linalg.norm(np.diff(points, axis=0, append=points[:1]), axis=1).max()
     return Sequence(np.array([drive.amplitudes for drive in drives]), speed / longest)
 
@@ -580,30 +600,3 @@ def _reach(
     pull = force_of(sound, bead, field.scene) @ way
     rising = np.append(np.diff(pull) > 0.0, False)
     return float(distances[rising.argmin()])
-
-
-def _check_followed(
-    field: RadiatedField, bead: Bead, points: Float64[np.ndarray, "points 3"]
-) -> None:
-    """Raise ``InvalidInput`` unless the bead follows from each equilibrium to the next."""
-    excitations = np.arange(len(points))
-    sound = derivatives(field, points, bead, excitations)
-    matrices = stiffness_of(sound, bead, field.scene)
-    pulls = force_of(sound, bead, field.scene)
-    rests = points + np.einsum("pij,pj->pi", np.linalg.pinv(matrices, rcond=1e-6), pulls)
-    before = np.roll(rests, 1, axis=0)
-    ways = rests - before
-    sound = derivatives(field, before, bead, excitations)
-    restoring = np.einsum("pi,pi->p", force_of(sound, bead, field.scene), ways)
-    linear = np.einsum("pi,pij,pj->p", ways, matrices, ways)
-    # In a standing wave, the force sin(2kx) K/(2k) peaks at K λ/(4π), 2/π of the linear force.
-    holds = np.linalg.eigvalsh(matrices)[:, 0] * field.scene.wavelength / (4.0 * np.pi)
-    lost = (holds <= 9.80665 * bead.mass) | (restoring < 2.0 / np.pi * linear)
-    if lost.any():
-        index = int(lost.argmax())
-        raise InvalidInput(
-            f"the bead would be lost on its way to {in_mm(points[index])}. Move the path, choose "
-            "another axis, or set a smaller share.",
-            points[index],
-            code="misplaced",
-        )

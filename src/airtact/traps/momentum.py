@@ -106,8 +106,7 @@ def _force_on(
     # Find the smallest sphere around the centre of the body, from its extent in many directions.
     ends = np.array([shape.farthest(way) for way in np.concatenate([np.eye(3), -np.eye(3)])])
     centre = 0.5 * (ends.min(axis=0) + ends.max(axis=0))
-    directions = lebedev_rule(17)[0].T
-    tips = np.array([shape.farthest(way) for way in directions])
+    tips = np.array([shape.farthest(way) for way in lebedev_rule(17)[0].T])
     smallest = np.linalg.norm(tips - centre, axis=1).max()
 
     # The flux of the incident sound cancels in the sum, so the sphere should be small. However, it
