@@ -30,13 +30,8 @@ from airtact.reports.solids import (
     towards_viewer,
 )
 
-# Colour of bodies
-GREY = 0.9, 0.873, 0.846, 1.0
-
 # Colour of transducers without a drive
 UNDRIVEN = 0.62, 0.70, 0.78, 1.0
-
-PHASE_TICKS = {-np.pi: "−π", -np.pi / 2: "−π/2", 0.0: "0", np.pi / 2: "π/2", np.pi: "π"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,7 +240,9 @@ def _phase_colours() -> ScalarMappable:
 
 
 def _tick_phases(bar: Colorbar) -> None:
-    bar.set_ticks(list(PHASE_TICKS), labels=list(PHASE_TICKS.values()))
+    bar.set_ticks(
+        [-np.pi, -np.pi / 2, 0.0, np.pi / 2, np.pi], labels=["−π", "−π/2", "0", "π/2", "π"]
+    )
 
 
 def spacing(positions: Real[np.ndarray, "elements 3"]) -> float:
@@ -303,7 +300,9 @@ def draw_in_space(
         discs = _add_discs(axes, positions, normals, phases, viewer)
     # Draw from back to front, because matplotlib does not sort whole collections.
     for body in sorted(bodies, key=lambda body: float(body.vertices.mean(axis=0) @ viewer)):
-        add_solid(axes, 1e3 * body.corners, np.tile(GREY, (len(body.triangles), 1)))
+        add_solid(
+            axes, 1e3 * body.corners, np.tile((0.9, 0.873, 0.846, 1.0), (len(body.triangles), 1))
+        )
     axes.scatter(*(1e3 * foci.T), s=34, **FOCI)
     drawn = np.concatenate(
         [discs.reshape(-1, 3), *(1e3 * body.vertices for body in bodies), 1e3 * foci]

@@ -21,7 +21,6 @@ from airtact.hands.fitting.fit import FittedHand
 from airtact.reports.solids import (
     FOCI,
     SHEET,
-    View,
     add_solid,
     broad_view,
     draw_sheets,
@@ -29,25 +28,21 @@ from airtact.reports.solids import (
     space_axes,
 )
 
-# Largest number of triangles whose edges are drawn; finer meshes would look black.
-MAX_TRIANGLES_WITH_EDGES = 8000
-
 SHARP = (0.75, 0.11, 0.11, 1.0)
 
 
-def _two_views(height: float, views: tuple[View, View]) -> tuple[Figure, list[Axes3D]]:
-    # Create a figure with a given height [inches] and two orthographic views side by side. The
-    # padding leaves room for labels in 3-D.
+def _two_views(
+    height: float, points: Float64[np.ndarray, "points 3"]
+) -> tuple[Figure, list[Axes3D]]:
+    # Create a figure with a given height [inches] and two orthographic views of points from
+    # opposite sides. The padding leaves room for labels in 3-D.
+    azimuth, elevation = broad_view(points)
+    views = ((azimuth, elevation), (azimuth + 180.0, -elevation))
     figure = Figure(figsize=(13.0, height), layout=ConstrainedLayoutEngine(w_pad=0.35, h_pad=0.12))
     panels = [space_axes(figure, view, (1, 2, 1 + side)) for side, view in enumerate(views)]
     for axes in panels:
         axes.set_proj_type("ortho")
     return figure, panels
-
-
-def _two_sides(points: Float64[np.ndarray, "points 3"]) -> tuple[View, View]:
-    azimuth, elevation = broad_view(points)
-    return (azimuth, elevation), (azimuth + 180.0, -elevation)
 
 
 def draw_bodies(
@@ -64,9 +59,9 @@ def draw_bodies(
     dots = np.empty((0, 3)) if foci is None else 1e3 * foci
     everything = np.concatenate([corners.reshape(-1, 3), dots])
     sharp = np.concatenate([sharp_edges(body) for body in bodies])
-    figure, panels = _two_views(6.0, _two_sides(everything))
+    figure, panels = _two_views(6.0, everything)
     for axes in panels:
-        outlined = len(corners) <= MAX_TRIANGLES_WITH_EDGES
+        outlined = len(corners) <= 8000  # the edges of finer meshes would look black
         add_solid(axes, corners, colours, outlined=outlined, marked=sharp, mark=SHARP)
         axes.scatter(*dots.T, s=30, **FOCI)  # pyright: ignore
         frame(axes, np.concatenate([everything, draw_sheets(axes, planes, 1e-3 * everything)]))
@@ -96,7 +91,7 @@ def draw_panels(quadratic_triangles: QuadraticTriangles) -> Figure:
     # The angles of an equilateral panel are 60°.
     scale = ScalarMappable(Normalize(0.0, 60.0), "viridis")
     hexagons = _hexagons(quadratic_triangles)
-    figure, panels = _two_views(6.4, _two_sides(hexagons.reshape(-1, 3)))
+    figure, panels = _two_views(6.4, hexagons.reshape(-1, 3))
     for axes in panels:
         colours = scale.to_rgba(smallest_angles(quadratic_triangles))
         add_solid(axes, hexagons, colours, outlined=True)
@@ -128,7 +123,7 @@ def draw_cloud(
     residuals = scale.to_rgba(1e3 * distances[used])
     purple = "#9775fa"
     hexagons = _hexagons(quadratic_triangles)
-    figure, panels = _two_views(6.4, _two_sides(hexagons.reshape(-1, 3)))
+    figure, panels = _two_views(6.4, hexagons.reshape(-1, 3))
     for axes in panels:
         add_solid(axes, hexagons, np.tile((0.82, 0.82, 0.80, 1.0), (len(hexagons), 1)))
         axes.scatter(*points[used].T, s=5, c=residuals, depthshade=False, zorder=4)  # pyright: ignore

@@ -31,12 +31,24 @@ def write_methods_page(
         pictured = window_pressure(contest.field.for_pictures, window, depth)
         cut = Cut(window, dict(zip(emitted, pictured.T, strict=True)), depth)
     with clock.step("3-D scene", "computing the fields in the 3-D scene"):
-        as_emitted = "the levels that they emit"
-        at_foci = contest.field.at(setup.target.points)
-        scales = [1.0] * len(emitted)
-        view = scene_view(setup, contest.field, at_foci, emitted, scales, window, as_emitted)
+        view = scene_view(
+            setup,
+            contest.field,
+            contest.field.at(setup.target.points),
+            emitted,
+            scales=[1.0] * len(emitted),
+            window=window,
+            held_equal="the levels that they emit",
+        )
     progress("drawing the page")
     best = contest.best
+    equal = _equal_to_best(contest)
+    standing = "produces the highest pressure at the weakest focus"
+    if equal:
+        standing = (
+            f"and {equal} reach the highest share of the upper bound, equal to within "
+            f"{contest.tolerance:.1%}"
+        )
     unit = "Pa" if setup.target.shares is None else "Pa / requested share"
     if setup.target.pressures is not None:
         unit = "times the requested pressure"
@@ -48,7 +60,7 @@ def write_methods_page(
         drives=counted(len(contest.contenders), "drive", "drives"),
         foci=counted(len(setup.foci), "focus", "foci"),
         facts=[
-            (best.name, _standing(contest)),
+            (best.name, standing),
             (_digits(contest.worst(best)), f"{unit} at the weakest focus"),
             (f"{contest.of_the_bound(best):.0%}", "of the upper bound, at full scale"),
             (duration(best.seconds), "to compute this drive"),
@@ -64,16 +76,6 @@ def write_methods_page(
         space=viewer_values(view, (contest.contenders.index(best), len(emitted) - 1)),
     )
     return (page,)
-
-
-def _standing(contest: MethodComparison) -> str:
-    equal = _equal_to_best(contest)
-    if not equal:
-        return "produces the highest pressure at the weakest focus"
-    return (
-        f"and {equal} reach the highest share of the upper bound, equal to within "
-        f"{contest.tolerance:.1%}"
-    )
 
 
 def _equal_to_best(contest: MethodComparison) -> str:

@@ -256,8 +256,7 @@ def pads(
     )
     axes = _axes(ax)
     if isinstance(plotted, Comparison):
-        pressures = dict(zip(plotted.names, plotted.under(held_equal), strict=True))
-        draw_foci(axes, pressures, None)
+        draw_foci(axes, dict(zip(plotted.names, plotted.under(held_equal), strict=True)), None)
         axes.set_title(held_equal)
     else:
         draw_foci(axes, {"": plotted.magnitudes}, plotted.target.pressures)

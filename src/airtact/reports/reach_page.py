@@ -29,6 +29,10 @@ def write_reach_page(path: Path, result: ReachMap) -> None:
             row.append(f"{kilopascals[point]:.2f}")
             row += [f"{round(1e3 * number)}".replace("-", "−") for number in result.points[point]]
         rows.append(row)
+    figure = Figure(figsize=(11.0, 5.0), layout="constrained")
+    azimuth, elevation = plot.view_of_reach(result)
+    for side, view in enumerate(((azimuth, elevation), (azimuth + 180.0, -elevation))):
+        plot.reach(result, ax=space_axes(figure, view, (1, 2, 1 + side)))
     facts, numbers = _facts(result)
     write_page(
         path,
@@ -43,24 +47,16 @@ def write_reach_page(path: Path, result: ReachMap) -> None:
             (f"{kilopascals.min():.3g} kPa", "at the weakest point of the skin"),
         ],
         rows=rows,
-        still=_still(result),
+        still=picture(
+            figure,
+            "Largest pressure at each point of the skin, seen from the side of the array and from "
+            "behind.",
+            "Two views of the skin, coloured by the largest pressure",
+            wide=True,
+        ),
         report=result.report,
         not_modelled=not_modelled(result.report),
         space=embedded(facts, numbers),
-    )
-
-
-def _still(result: ReachMap) -> Any:
-    figure = Figure(figsize=(11.0, 5.0), layout="constrained")
-    azimuth, elevation = plot.view_of_reach(result)
-    for side, view in enumerate(((azimuth, elevation), (azimuth + 180.0, -elevation))):
-        plot.reach(result, ax=space_axes(figure, view, (1, 2, 1 + side)))
-    return picture(
-        figure,
-        "Largest pressure at each point of the skin, seen from the side of the array and from "
-        "behind.",
-        "Two views of the skin, coloured by the largest pressure",
-        wide=True,
     )
 
 

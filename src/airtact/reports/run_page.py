@@ -33,11 +33,6 @@ from airtact.setup.exports import write_field
 from airtact.setup.rendering import Rendering
 from airtact.timing import Clock, Progress, duration
 
-CITATION = (
-    "S. Inoue, Y. Makino, H. Shinoda, Producing Airborne Ultrasonic 3D Tactile Image by Time "
-    "Reversal Field Rendering, SICE Annual Conference 2014, 1360"
-)
-
 
 def write_run_page(run: Rendering, folder: Path, progress: Progress) -> tuple[Path, ...]:
     """Write field.vtkhdf and report.html, the field and the report of a rendering, to a folder."""
@@ -60,18 +55,28 @@ def write_run_page(run: Rendering, folder: Path, progress: Progress) -> tuple[Pa
             pressure = run.drive.peak * box_pressure(field, view.slices, 0, box)
             write_field(files[0], box, pressure, [obstacle.surface for obstacle in scene.obstacles])
         progress("drawing the report")
-        space = viewer_values(view)
+        solve = sum(run.seconds[step] for step in ("beacons", "transfer", "drive"))
         write_page(
             files[1],
             "report.html.j2",
             title=f"airtact: {setup.title}",
             run=run,
-            **_summary(run),
+            transducers=counted(len(setup.array), "transducer", "transducers"),
+            frequency=f"{scene.frequency / 1e3:g} kHz",
+            foci=counted(len(setup.foci), "focus", "foci"),
+            bodies=" and ".join(setup.bodies),
+            facts=[
+                (weakest_focus(run.pressures, setup.target)[0], "at the weakest focus"),
+                (duration(solve), "to solve and compute the drive"),
+                (_percent(run.estimated_error), "estimated error of these pressures"),
+            ],
+            # Several steps may issue the same warning.
+            warnings=list(dict.fromkeys(run.warnings)),
             fields=fields.result(),
             **pictures.result(),
             **_foci(run),
             **_how(run, {**run.seconds, **clock.seconds}),
-            space=space,
+            space=viewer_values(view),
         )
     return files
 
@@ -95,23 +100,6 @@ def fields_of(run: Rendering, clock: Clock) -> tuple[Cut, SceneView]:
             setup, field, run.verification.at_foci, run.drives, scales, plane, "equal energy"
         )
     return cut, view
-
-
-def _summary(run: Rendering) -> dict[str, Any]:
-    solve = sum(run.seconds[step] for step in ("beacons", "transfer", "drive"))
-    return {
-        "transducers": counted(len(run.setup.array), "transducer", "transducers"),
-        "frequency": f"{run.setup.scene.frequency / 1e3:g} kHz",
-        "foci": counted(len(run.setup.foci), "focus", "foci"),
-        "bodies": " and ".join(run.setup.bodies),
-        "facts": [
-            (weakest_focus(run.pressures, run.setup.target)[0], "at the weakest focus"),
-            (duration(solve), "to solve and compute the drive"),
-            (_percent(run.estimated_error), "estimated error of these pressures"),
-        ],
-        # Several steps may issue the same warning.
-        "warnings": list(dict.fromkeys(run.warnings)),
-    }
 
 
 def _pictures(run: Rendering) -> dict[str, Any]:
@@ -155,27 +143,24 @@ def _pictures(run: Rendering) -> dict[str, Any]:
         "face away from the viewer are faint rings.",
         f"{counted(len(array), 'transducer', 'transducers')}, bodies and foci in space",
     )
-    return {"phases": phases, "still": still, "doubt": _doubt(run)}
-
-
-def _doubt(run: Rendering) -> Markup:
+    pictures = {"phases": phases, "still": still, "doubt": Markup()}
     doubt = run.robustness
-    if doubt is None:
-        return Markup()
-    count = counted(doubt.pressures.shape[1], "sample", "samples")
-    return picture(
-        draw_shares(
-            dict(zip(doubt.names, doubt.pressures, strict=True)),
-            dict(zip(doubt.names, doubt.expected, strict=True)),
-        ),
-        f"Fraction of {count} of the uncertain scene in which the pressure at the weakest focus is "
-        "below a value. These samples were not used to compute the drives. Dots mark the pressure "
-        "without deviations. All drives have equal energy.",
-        "; ".join(
-            f"{name}: at least {low:.0f} Pa in 9 of 10 cases"
-            for name, low in zip(doubt.names, doubt.lowest_tenth, strict=True)
-        ),
-    )
+    if doubt is not None:
+        count = counted(doubt.pressures.shape[1], "sample", "samples")
+        pictures["doubt"] = picture(
+            draw_shares(
+                dict(zip(doubt.names, doubt.pressures, strict=True)),
+                dict(zip(doubt.names, doubt.expected, strict=True)),
+            ),
+            f"Fraction of {count} of the uncertain scene in which the pressure at the weakest "
+            "focus is below a value. These samples were not used to compute the drives. Dots mark "
+            "the pressure without deviations. All drives have equal energy.",
+            "; ".join(
+                f"{name}: at least {low:.0f} Pa in 9 of 10 cases"
+                for name, low in zip(doubt.names, doubt.lowest_tenth, strict=True)
+            ),
+        )
+    return pictures
 
 
 def _error_of_cut(run: Rendering, cut: Cut) -> float:
@@ -256,35 +241,29 @@ def _foci(run: Rendering) -> dict[str, Any]:
         ]
         for index, verdict in enumerate(run.traps, 1)
     ]
+    trap_panels: list[list[Markup]] = []
+    if run.traps:
+        from airtact.reports.trap_figures import trap_pictures  # imports scipy.integrate
+
+        trap_panels = [trap_pictures(run, index) for index in range(min(len(run.traps), 6))]
+    # Describe the sound that produces the pressures in the table of foci, with its peak.
+    emitted = f"this drive. The largest amplitude is {run.drive.peak:.2f} of full scale"
+    if run.setup.in_turn and run.sequence is not None:
+        peak = float(np.abs(run.sequence.drives).max())
+        emitted = (
+            "the sequence while the moving focus is at this point. The values come from the "
+            "transfer matrix, which the verification of all foci at once confirms. The largest "
+            f"amplitude is {peak:.2f} of full scale"
+        )
     return {
         "trap_rows": trap_rows,
-        "trap_pictures": _trap_pictures(run),
+        "trap_pictures": trap_panels,
         "focus_header": header,
         "focus_rows": list(zip(*columns, strict=True)),
-        "emitted": _emitted(run),
+        "emitted": emitted,
         "comparison_header": ["focus", *(f"{name} [Pa]" for name in run.drives), "ratio"],
         "comparisons": _comparisons(run) if run.setup.bodies else {},
     }
-
-
-def _trap_pictures(run: Rendering) -> list[list[Markup]]:
-    if not run.traps:
-        return []
-    from airtact.reports.trap_figures import trap_pictures  # imports scipy.integrate
-
-    return [trap_pictures(run, index) for index in range(min(len(run.traps), 6))]
-
-
-def _emitted(run: Rendering) -> str:
-    """Describe the sound that produces the pressures in the table of foci, with its peak."""
-    if not run.setup.in_turn or run.sequence is None:
-        return f"this drive. The largest amplitude is {run.drive.peak:.2f} of full scale"
-    peak = float(np.abs(run.sequence.drives).max())
-    return (
-        "the sequence while the moving focus is at this point. The values come from the transfer "
-        "matrix, which the verification of all foci at once confirms. The largest amplitude is "
-        f"{peak:.2f} of full scale"
-    )
 
 
 def _comparisons(run: Rendering) -> dict[str, list[tuple[str, ...]]]:
@@ -356,7 +335,14 @@ def _how(run: Rendering, seconds: Mapping[str, float]) -> dict[str, Any]:
             ["wall time", _listed({name: duration(time) for name, time in seconds.items()})],
         ],
         "citations": list(
-            dict.fromkeys([CITATION, *run.beacons.citations, *run.verification.report.citations])
+            dict.fromkeys(
+                [
+                    "S. Inoue, Y. Makino, H. Shinoda, Producing Airborne Ultrasonic 3D Tactile "
+                    "Image by Time Reversal Field Rendering, SICE Annual Conference 2014, 1360",
+                    *run.beacons.citations,
+                    *run.verification.report.citations,
+                ]
+            )
         ),
     }
 

@@ -21,7 +21,6 @@ from airtact.reports.page import picture, write_page
 from airtact.setup.sensing import Sensed
 
 BEFORE = "#0072b2"
-AFTER = "#e8590c"
 
 
 def write_sense_page(path: Path, sensed: Sensed) -> None:
@@ -37,6 +36,14 @@ def write_sense_page(path: Path, sensed: Sensed) -> None:
     if len(left_out):
         names = ", ".join(str(receiver) for receiver in left_out)
         warnings.append(f"Receivers without a usable signal were ignored: {names}.")
+    off, turn = sensed.sizes[0]
+    shift_deviation, turn_deviation = sensed.located.deviation
+    caption = (
+        "Residual of the echoes at each receiver, including noise (root mean square over the "
+        "transmissions). Both maps use the same colour scale."
+    )
+    if not np.isfinite(values[0]).all():
+        caption += " Grey elements did not receive or were ignored."
     write_page(
         path,
         "sense.html.j2",
@@ -46,7 +53,24 @@ def write_sense_page(path: Path, sensed: Sensed) -> None:
         transmissions=counted(transmissions, "coded transmission", "coded transmissions"),
         elements=f"{elements:,}",
         receivers=f"{len(sensed.echoes.pressures):,}",
-        facts=_facts(sensed),
+        facts=[
+            (
+                f"{1e3 * off:.2f} mm, {np.degrees(turn):.2f}°",
+                "displacement from the pose in the scene",
+            ),
+            (
+                f"{1e3 * shift_deviation:.2g} mm, {np.degrees(turn_deviation):.2g}°",
+                "standard deviation of the estimated pose",
+            ),
+            (
+                f"{sensed.after.min() / sensed.before.min():.2f} times",
+                "the uncorrected pressure at the weakest focus, after the correction",
+            ),
+            (
+                f"{sensed.located.misfit:.1%}".replace("%", " %"),
+                "of the echoes explained neither by the model nor by noise",
+            ),
+        ],
         **_pose(sensed),
         focus_rows=[
             [name, f"{old:,.0f}", f"{new:,.0f}", f"{new / old:.2f}"]
@@ -56,30 +80,21 @@ def write_sense_page(path: Path, sensed: Sensed) -> None:
         before=f"{before:.0%}".replace("%", " %"),
         after=f"{after:.1%}".replace("%", " %"),
         warnings=warnings,
-        residuals=_residuals(sensed, values),
+        residuals=picture(
+            draw_receivers(
+                sensed.setup.array.positions,
+                sensed.setup.array.normals,
+                {"pose in the scene": values[0], "estimated pose": values[1]},
+                "residual / rms of the echoes",
+            ),
+            caption,
+            f"Maps of the residual at each element: {before:.2f} for the pose in the scene and "
+            f"{after:.2f} for the estimated pose",
+            wide=True,
+        ),
         not_modelled=NOT_MODELLED,
         steps=[[name, f"{seconds:.2f} s"] for name, seconds in sensed.seconds.items()],
     )
-
-
-def _facts(sensed: Sensed) -> list[tuple[str, str]]:
-    off, turn = sensed.sizes[0]
-    shift_deviation, turn_deviation = sensed.located.deviation
-    return [
-        (f"{1e3 * off:.2f} mm, {np.degrees(turn):.2f}°", "displacement from the pose in the scene"),
-        (
-            f"{1e3 * shift_deviation:.2g} mm, {np.degrees(turn_deviation):.2g}°",
-            "standard deviation of the estimated pose",
-        ),
-        (
-            f"{sensed.after.min() / sensed.before.min():.2f} times",
-            "the uncorrected pressure at the weakest focus, after the correction",
-        ),
-        (
-            f"{sensed.located.misfit:.1%}".replace("%", " %"),
-            "of the echoes explained neither by the model nor by noise",
-        ),
-    ]
 
 
 def _pose(sensed: Sensed) -> dict[str, Any]:
@@ -131,29 +146,6 @@ def _moved(sensed: Sensed) -> Markup:
     )
 
 
-def _residuals(sensed: Sensed, values: Real[np.ndarray, "2 elements"]) -> Markup:
-    array = sensed.setup.array
-    start, end = values
-    figure = draw_receivers(
-        array.positions,
-        array.normals,
-        {"pose in the scene": start, "estimated pose": end},
-        "residual / rms of the echoes",
-    )
-    caption = (
-        "Residual of the echoes at each receiver, including noise (root mean square over the "
-        "transmissions). Both maps use the same colour scale."
-    )
-    if not np.isfinite(start).all():
-        caption += " Grey elements did not receive or were ignored."
-    before, after = np.sqrt(np.nanmean(values**2, axis=1))
-    alternative = (
-        f"Maps of the residual at each element: {before:.2f} for the pose in the scene and "
-        f"{after:.2f} for the estimated pose"
-    )
-    return picture(figure, caption, alternative, wide=True)
-
-
 def draw_moved(
     window: Window,
     scenes: tuple[Scene, Scene],
@@ -168,15 +160,18 @@ def draw_moved(
     up = window.normal * np.sign(window.normal[np.argmax(np.abs(window.normal))])
     up = np.where(np.abs(up) < 1e-12, 0.0, up)
     upright = replace(window, up=up, height=window.width)
-    ring: dict[str, Any] = {"marker": "o", "linestyle": "none", "markeredgecolor": BEFORE}
-    ring["markerfacecolor"] = "none"
+    ring: dict[str, Any] = {
+        "marker": "o",
+        "linestyle": "none",
+        "markeredgecolor": BEFORE,
+        "markerfacecolor": "none",
+    }
     dot: dict[str, Any] = {
         "marker": "o",
         "linestyle": "none",
-        "color": AFTER,
+        "color": "#e8590c",
         "markeredgecolor": "white",
     }
-    grey: dict[str, Any] = {"facecolor": BODY, "edgecolor": "0.25"}
     for axes, plane in zip(figure.subplots(1, 2), (window, upright), strict=True):
         before, after = (scene.depth(plane.points) for scene in scenes)
         draw_solid(axes, plane, after)
@@ -190,7 +185,7 @@ def draw_moved(
     handles = [
         Line2D([], [], color=BEFORE, linestyle="--", label="body in the scene"),
         Line2D([], [], label="focus in the scene", **ring),
-        Patch(label="located body", **grey),
+        Patch(label="located body", facecolor=BODY, edgecolor="0.25"),
         Line2D([], [], label="located focus", **dot),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)

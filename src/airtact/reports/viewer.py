@@ -34,8 +34,6 @@ from airtact.reports.solids import sheet_of, towards_viewer
 from airtact.setup.sequences import paths_of
 from airtact.setup.setup import Setup
 
-SCALES = {"pressure": COLOURS, "difference": "RdBu_r", "phase": "twilight", "amplitude": "viridis"}
-
 # Centre and radius [m] of a view, and the direction to the viewer
 View = tuple[Float64[np.ndarray, "3"], float, Float64[np.ndarray, "3"]]
 
@@ -82,11 +80,6 @@ class SceneView:
         return [sheet_of(plane, everything) for plane in self.setup.scene.planes]
 
 
-def off_one_plane(setup: Setup) -> bool:
-    """Return True if the scene has bodies and more than two foci, which might not be coplanar."""
-    return len(setup.foci) > 2 and bool(setup.scene.obstacles)
-
-
 def scene_view(
     setup: Setup,
     field: RadiatedField,
@@ -127,7 +120,20 @@ def scene_view(
 
 def viewer_values(view: SceneView, chosen: tuple[int, int] = (0, 1)) -> dict[str, Any]:
     """Return the values for the page's template; the page first shows the two ``chosen`` drives."""
-    facts, numbers = _facts(view)
+    setup = view.setup
+    facts, numbers = stage_facts(setup, view.peak, _arrays(view), view.sheets, _views(view))
+    asked = [""] * len(setup.foci)
+    if setup.target.pressures is not None:
+        asked = [f"{pressure:,.0f} Pa" for pressure in setup.target.pressures]
+    for focus, words, got in zip(facts["foci"], asked, view.reached, strict=True):
+        focus.update(asked=words, got=_rounded(got))
+    facts |= {
+        "drives": list(view.drives),
+        "paths": [[_rounded(1e3 * point) for point in path] for path in paths_of(setup)],
+        "objects": [thing.name for thing in setup.objects],
+        "slices": _planes(view),
+        "backs": not _surrounds(view),
+    }
     return {
         "drives": list(view.drives),
         "chosen": list(chosen),
@@ -136,8 +142,9 @@ def viewer_values(view: SceneView, chosen: tuple[int, int] = (0, 1)) -> dict[str
         "alternative": viewer_alternative(view),
         "caption": _caption(view),
         "axes": [2, 1, 0] if view.slices.any_axis else [2],
-        # If foci are far from the slice, it would hide parts of the bodies.
-        "sliced": not off_one_plane(view.setup),
+        # More than two foci might not lie in one plane. If foci are far from the slice, it would
+        # hide parts of the bodies.
+        "sliced": len(setup.foci) <= 2 or not setup.scene.obstacles,
     }
 
 
@@ -169,7 +176,12 @@ def colour_scales() -> dict[str, list[str]]:
     """Return 128 colours of each scale as hexadecimal text, such as ``"#ffffff"``."""
     return {
         name: [to_hex(colour) for colour in colormaps[scale](np.linspace(0.0, 1.0, 128))]
-        for name, scale in SCALES.items()
+        for name, scale in (
+            ("pressure", COLOURS),
+            ("difference", "RdBu_r"),
+            ("phase", "twilight"),
+            ("amplitude", "viridis"),
+        )
     }
 
 
@@ -284,24 +296,6 @@ def stage_facts(
             }
             for name, (centre, radius, seen) in views.items()
         },
-    }
-    return facts, data
-
-
-def _facts(view: SceneView) -> tuple[dict[str, Any], bytes]:
-    setup = view.setup
-    facts, data = stage_facts(setup, view.peak, _arrays(view), view.sheets, _views(view))
-    asked = [""] * len(setup.foci)
-    if setup.target.pressures is not None:
-        asked = [f"{pressure:,.0f} Pa" for pressure in setup.target.pressures]
-    for focus, words, got in zip(facts["foci"], asked, view.reached, strict=True):
-        focus.update(asked=words, got=_rounded(got))
-    facts |= {
-        "drives": list(view.drives),
-        "paths": [[_rounded(1e3 * point) for point in path] for path in paths_of(setup)],
-        "objects": [thing.name for thing in setup.objects],
-        "slices": _planes(view),
-        "backs": not _surrounds(view),
     }
     return facts, data
 
