@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from statistics import median
 
 import numpy as np
 from jaxtyping import Complex, Complex128, Float64, Int64
@@ -447,12 +448,12 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
     # A shadowed focus gets little pressure, both in pascals and relative to its request. Both are
     # checked because a focus with a twenty times larger request may get as much as the others. The
     # comparison uses the median, so one strong focus does not make all others count as shadowed.
+    # NumPy's would import its masked arrays, which takes longer than all of these checks.
     if len(asked) > 1 and all(
-        values[worst] < 0.05 * np.median(np.delete(values, worst))
-        for values in (attainable, shares)
+        values[worst] < 0.05 * median(np.delete(values, worst)) for values in (attainable, shares)
     ):
         point = target.points[asked[worst]]
-        rest = np.median(np.delete(attainable, worst))
+        rest = median(np.delete(attainable, worst))
         raise InvalidInput(
             f"focus {asked[worst]} at {in_mm(point)} is shadowed: the pressure there can reach at "
             f"most {attainable[worst]:.3g} Pa, while the median for the other foci is {rest:.3g} "

@@ -199,9 +199,7 @@ def box_pressure(
 def window_pressure(
     field: RadiatedField, window: Window, depth: Float64[np.ndarray, "points"]
 ) -> Complex128[np.ndarray, "points excitations"]:
-    """Return the pressure of a field at the points of a window.
-
-    In a large window, the pressure at most points is interpolated.
+    """Return the pressure of a field at the points of a window, mostly by interpolation.
 
     Parameters
     ----------
@@ -213,11 +211,12 @@ def window_pressure(
     -------
     (P, S) complex pressure [Pa] of each excitation, NaN in bodies and behind planes.
     """
-    coarse = replace(window, step=2.0 * window.step)
+    # Six points per wavelength cause an error of 1 %, and the four of large windows one of 2 %.
+    coarser = max(2, round(field.scene.wavelength / 6.0 / window.step))
     hard = all(obstacle.boundary == "sound_hard" for obstacle in field.scene.obstacles)
-    # Small windows have few points, and the others need four per wavelength.
-    if not hard or not 0.2 < coarse.step / field.scene.wavelength < 0.26:
+    if not hard:
         return field.at(window.points)
+    coarse = replace(window, step=coarser * window.step)
     points = coarse.points
     pressure = _pressure(field, points, field.scene.depth(points))
     pressure = _carried_inside(pressure.reshape(1, *coarse.shape, -1))

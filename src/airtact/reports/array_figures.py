@@ -19,6 +19,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from airtact.acoustics.scene import Plane
 from airtact.evaluation.windows import AXES
+from airtact.geometry.distances import nearest_pair
 from airtact.geometry.surface import Surface
 from airtact.reports.solids import (
     FOCI,
@@ -104,11 +105,22 @@ def draw_phases(
     """
     shown = ("phase",) if is_uniform(amplitudes) else ("phase", "amplitude")
     rows, columns, width, height = _panels(positions, normals, len(shown))
-    size = columns * (width + 0.9), rows * (height + 1.6)
-    figure = Figure(figsize=size, layout="constrained")
+    across = columns * (width + 0.9)
+    up = rows * (height + 1.6)
+    figure = Figure(figsize=(across, up))
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes, show in zip(panels, shown, strict=True):
         draw_faces(axes, positions, normals, amplitudes, show)
+    # Fixed margins for the labels, because Matplotlib's layouts take longer than drawing.
+    for index, (axes, bar) in enumerate(zip(panels, figure.axes[len(panels) :], strict=True)):
+        row, column = divmod(index, columns)
+        wide, high = np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())
+        inches = min((width + 0.1) / wide, (height + 0.1) / high)
+        left = column * (width + 0.9) + 0.72 + (width + 0.1 - inches * wide) / 2.0
+        bottom = (rows - 1 - row) * (height + 1.6)
+        extent = inches * wide / across
+        axes.set_position((left / across, (bottom + 1.15) / up, extent, inches * high / up))
+        bar.set_position((left / across, (bottom + 0.46) / up, extent, 0.16 / up))
     return figure
 
 
@@ -247,11 +259,7 @@ def _tick_phases(bar: Colorbar) -> None:
 
 def spacing(positions: Real[np.ndarray, "elements 3"]) -> float:
     """Return the distance [m] between the two closest elements, or 10 mm for a single element."""
-    from scipy.spatial import KDTree
-
-    if len(positions) < 2:
-        return 10e-3
-    return float(KDTree(positions).query(positions, k=2)[0][:, 1].min())
+    return nearest_pair(positions)[2] if len(positions) > 1 else 10e-3
 
 
 def _title(face: Face, positions: Real[np.ndarray, "elements 3"]) -> str:
@@ -275,9 +283,12 @@ def draw_scene(
 
     Transducers that face away from the viewer are drawn as faint rings.
     """
-    figure = Figure(figsize=(10.4, 8.0), layout="constrained")
+    figure = Figure(figsize=(10.4, 8.0))
     axes = space_axes(figure, view_of(normals))
     draw_in_space(axes, positions, normals, np.angle(amplitudes), bodies, foci, planes)
+    # Matplotlib's constrained layout finds these places, but takes longer than drawing.
+    axes.set_position((0.081, 0.005, 0.761, 0.99))
+    figure.axes[1].set_position((0.909, 0.193, 0.02, 0.614))
     return figure
 
 

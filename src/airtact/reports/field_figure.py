@@ -14,6 +14,7 @@ from matplotlib.patheffects import withStroke
 
 from airtact.acoustics.scene import Scene
 from airtact.evaluation.windows import Window
+from airtact.geometry.distances import nearest_within
 
 # Grey colour of the bodies
 BODY = "0.66"
@@ -171,14 +172,12 @@ def _past_the_surface(
 
     Otherwise there would be a gap between the interpolated values and the outlines.
     """
-    from scipy.spatial import KDTree
-
     inside = np.isnan(values)
-    if not inside.any() or inside.all():
-        return values
-    distance, nearest = KDTree(np.argwhere(~inside)).query(np.argwhere(inside))
+    places = np.pad(np.argwhere(inside).astype(np.float64), ((0, 0), (0, 1)))
+    known = np.pad(np.argwhere(~inside).astype(np.float64), ((0, 0), (0, 1)))
+    distance, index = nearest_within(places, known, 3.01)
     extended = values.copy()
-    extended[inside] = np.where(distance <= 3.0, values[~inside][nearest], np.nan)
+    extended[inside] = np.where(np.isfinite(distance), values[~inside][index], np.nan)
     return extended
 
 
