@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.evaluation.slices import slices_around, surface_pressure
+from airtact.evaluation.slices import slices_around, surface_pressure, window_pressure
 from airtact.evaluation.windows import plane_through
 
 AIR = at.Medium(sound_speed=343.1, density=1.293)
@@ -61,6 +61,18 @@ def test_the_box_stands_along_the_frame_round_the_foci_and_has_them_in_a_plane(s
     np.testing.assert_allclose(
         heights / slices.steps[2], round(heights[0] / slices.steps[2]), atol=1e-9
     )
+
+
+def test_the_picture_of_a_plane_shows_the_field_to_one_percent(scene, solved):
+    window = plane_through(FOCI, scene.obstacles[0].surface.vertices, scene.wavelength)
+    depth = scene.depth(window.points)
+    drawn = window_pressure(solved.for_pictures, window, depth)
+    away = depth < 0.0
+    assert np.isnan(drawn[~away]).all()
+    exact = at.SphereSeries().radiate(scene, SOURCES).at(window.points[away])
+    error = np.abs(drawn[away] - exact) / np.abs(exact).max(axis=0)
+    assert np.sqrt(np.mean(error**2)) < 0.01
+    assert error.max() < 0.07
 
 
 def test_foci_far_apart_get_a_stack_of_planes():

@@ -5,7 +5,13 @@ import pytest
 from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
-from airtact.geometry.distances import distances, nearest, nearest_pair, nearest_within
+from airtact.geometry.distances import (
+    distances,
+    few_within,
+    nearest,
+    nearest_pair,
+    nearest_within,
+)
 
 
 @pytest.mark.parametrize("count", [1, 40, 3000])  # the last uses a tree
@@ -30,6 +36,19 @@ def test_points_beyond_the_reach_are_not_nearest(count: int) -> None:
     np.testing.assert_array_equal(index[near], nearest_index[near])
     assert np.isinf(distance[~near]).all()
     assert (index[~near] == 0).all()
+
+
+def test_the_nearest_few_are_listed_from_the_nearest_on() -> None:
+    random = np.random.default_rng(4)
+    points, others = random.uniform(size=(60, 3)), random.uniform(size=(500, 3))
+    reach = random.uniform(0.1, 0.4, size=len(others))
+    distance, index = few_within(points, others, reach, 5)
+    for point, apart, chosen in zip(cdist(points, others), distance, index, strict=True):
+        expected = np.argsort(np.where(point < reach, point, np.inf))[:5]
+        found = int((point < reach).sum().clip(max=5))
+        np.testing.assert_array_equal(chosen[:found], expected[:found])
+        np.testing.assert_allclose(apart[:found], point[expected[:found]], rtol=1e-12)
+        assert np.isinf(apart[found:]).all()
 
 
 @pytest.mark.parametrize("far", [0.0, 1e3])

@@ -1,13 +1,15 @@
 """Pressure in planes around the foci and on the surfaces of bodies, for the 3-D viewer."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Complex128, Float64, Inexact, Int64, Real
 
-from airtact.acoustics.solvers.problem import RadiatedField
+from airtact.acoustics.solvers.problem import RadiatedField, SurfaceField
 from airtact.evaluation.windows import Box, Window
+from airtact.geometry.distances import few_within, nearest
 from airtact.geometry.mesh.remeshing import with_short_edges
 from airtact.geometry.mesh.triangles import with_middles
 from airtact.geometry.surface import Surface
@@ -243,11 +245,9 @@ def _pressure(
     if not near.any():
         pressure[away] = field.at(points[away])
         return pressure
-    from scipy.spatial import KDTree
-
-    nearest = KDTree(surface.points).query(points[near])[1]
-    normals = surface.normals[nearest]
-    height = np.sum((surface.points[nearest] - points[near]) * normals, axis=1, keepdims=True)
+    node = _nearest_nodes(surface, points[near], rim, 1)[1][:, 0]
+    normals = surface.normals[node]
+    height = np.sum((surface.points[node] - points[near]) * normals, axis=1, keepdims=True)
     projections = points[near] + height * normals
     # One call for both sets, so that the solver prepares its evaluation once.
     evaluated = field.at(np.concatenate([points[away], projections + rim * normals]))
@@ -264,15 +264,38 @@ def _carried_inside(
     pressure: Complex128[np.ndarray, "planes rows columns excitations"],
 ) -> Complex128[np.ndarray, "planes rows columns excitations"]:
     # Replace NaN by the nearest pressure, because splines would ring at the edge of bodies.
-    from scipy.spatial import KDTree
-
     unknown = np.isnan(pressure[..., 0])
     if not unknown.any() or unknown.all():
         return np.nan_to_num(pressure)
-    nearest = KDTree(np.argwhere(~unknown)).query(np.argwhere(unknown))[1]
+    # The nearest known pressure is beside an unknown one: a step towards the latter is closer.
+    edge = np.zeros_like(unknown)
+    for axis, shift in itertools.product(range(3), (-1, 1)):
+        edge |= np.roll(unknown, shift, axis)
+    edge &= ~unknown
     filled = pressure.copy()
-    filled[unknown] = pressure[~unknown][nearest]
+    filled[unknown] = pressure[edge][nearest(np.argwhere(unknown), np.argwhere(edge))[1]]
     return filled
+
+
+def _nearest_nodes(
+    surface: SurfaceField, points: Float64[np.ndarray, "points 3"], height: float, count: int
+) -> tuple[Float64[np.ndarray, "points count"], Int64[np.ndarray, "points count"]]:
+    """Return the distances and indices of the solved points nearest to points near the surface.
+
+    The points are at most ``height`` [m] from the surface. Missing distances are infinite.
+    """
+    if len(points) * len(surface.points) < 5e7:
+        # A circle with this radius contains about 28 solved points.
+        reach = height + 3.0 * np.sqrt(surface.areas)
+        distance, index = few_within(points, surface.points, reach, count)
+        if np.isfinite(distance[:, count // 2]).all():
+            return distance, index
+    # Search trees are faster for many points, but importing them takes 0.2 s.
+    from scipy.spatial import KDTree
+
+    few = min(count, len(surface.points))
+    distance, index = KDTree(surface.points).query(points, k=few)
+    return np.reshape(distance, (-1, few)), np.reshape(index, (-1, few))
 
 
 @dataclass(frozen=True, eq=False)
@@ -367,21 +390,20 @@ def pressure_on_surfaces(
     (P, S) complex pressure [Pa] of each excitation, interpolated by kriging from the nearest 10
     solved points, with the covariance sin(kr)/kr of a diffuse field.
     """
-    from scipy.spatial import KDTree
-
     surface = field.on_surface
     wavenumber = field.scene.wavenumber.real  # absorption is negligible over a few millimetres
-    neighbours = min(10, len(surface.points))
-    distances, nearest = KDTree(surface.points).query(points, k=neighbours)
-    normals = surface.normals[nearest]
-    around = surface.points[nearest]
+    distances, nodes = _nearest_nodes(surface, points, 0.0, 10)
+    normals = surface.normals[nodes]
+    around = surface.points[nodes]
     # Exclude solved points around an edge or behind a thin wall.
     same_side = np.einsum("pkd,pd->pk", normals, normals[:, 0]) > 0.5
+    same_side &= np.isfinite(distances)
+    distances = np.where(same_side, distances, 0.0)
     between = np.linalg.norm(around[:, :, None] - around[:, None], axis=-1)
     covariance = np.sinc(wavenumber * between / np.pi) * same_side[:, :, None] * same_side[:, None]
     # The errors of the solved pressure are assumed to have 1e-4 of its variance.
-    diagonal = np.arange(neighbours)
+    diagonal = np.arange(distances.shape[1])
     covariance[:, diagonal, diagonal] = 1.0 + 1e-4
     to_point = np.sinc(wavenumber * distances / np.pi) * same_side
     weights = np.linalg.solve(covariance, to_point[..., None])
-    return np.einsum("pkn,pks->ps", weights, surface.pressure[nearest])
+    return np.einsum("pkn,pks->ps", weights, surface.pressure[nodes])

@@ -21,7 +21,7 @@ def nearest(
     points: Real[np.ndarray, "points 3"], others: Real[np.ndarray, "others 3"]
 ) -> tuple[Float64[np.ndarray, "points"], Int64[np.ndarray, "points"]]:
     """Return the distance [m] and the index of the nearest of the others to each point."""
-    if len(points) * len(others) <= 100_000:
+    if len(points) * len(others) <= 1_000_000:
         every = distances(points, others)
         return every.min(axis=1), every.argmin(axis=1)
     from scipy.spatial import KDTree
@@ -37,16 +37,34 @@ def nearest_within(
 
     If none is that close to a point, the distance is infinite and the index is 0.
     """
-    distance = np.full(len(points), np.inf)
-    index = np.zeros(len(points), dtype=np.int64)
+    distance, index = few_within(points, others, np.full(len(others), reach), 1)
+    return distance[:, 0], index[:, 0]
+
+
+def few_within(
+    points: Float64[np.ndarray, "points 3"],
+    others: Float64[np.ndarray, "others 3"],
+    reach: Float64[np.ndarray, "others"],
+    count: int,
+) -> tuple[Float64[np.ndarray, "points count"], Int64[np.ndarray, "points count"]]:
+    """Return the distances [m] and indices of the ``count`` nearest of the others in ``reach`` [m].
+
+    The nearest is first. If fewer others are closer to a point than their reach, the remaining
+    distances are infinite, and the indices are 0.
+    """
+    distance = np.full((len(points), count), np.inf)
+    index = np.zeros((len(points), count), dtype=np.int64)
     for start in range(0, len(points), 20_000):  # limits the memory of the pairs
         part = points[start : start + 20_000]
-        first, other = _kernels.near_pairs(part, others, np.full(len(others), reach))
+        first, other = _kernels.near_pairs(part, others, reach)
         point = np.repeat(np.arange(len(part)), np.diff(first))
         apart = np.linalg.norm(others[other] - part[point], axis=1)
-        closest = np.lexsort((apart, point))[first[:-1][np.diff(first) > 0]]
-        distance[start + point[closest]] = apart[closest]
-        index[start + point[closest]] = other[closest]
+        order = np.lexsort((apart, point))
+        rank = np.arange(len(order)) - first[point]
+        chosen = order[rank < count]
+        place = start + point[rank < count], rank[rank < count]
+        distance[place] = apart[chosen]
+        index[place] = other[chosen]
     return distance, index
 
 

@@ -115,8 +115,8 @@ def draw_phases(
     for index, (axes, bar) in enumerate(zip(panels, figure.axes[len(panels) :], strict=True)):
         row, column = divmod(index, columns)
         wide, high = np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())
-        inches = min((width + 0.1) / wide, (height + 0.1) / high)
-        left = column * (width + 0.9) + 0.72 + (width + 0.1 - inches * wide) / 2.0
+        inches = min(width / wide, height / high)
+        left = column * (width + 0.9) + 0.72 + (width - inches * wide) / 2.0
         bottom = (rows - 1 - row) * (height + 1.6)
         extent = inches * wide / across
         axes.set_position((left / across, (bottom + 1.15) / up, extent, inches * high / up))

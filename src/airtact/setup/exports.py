@@ -9,7 +9,6 @@ from pathlib import Path
 import h5py
 import numpy as np
 from jaxtyping import Complex, Real
-from scipy.spatial import KDTree
 
 from airtact.errors import InvalidInput
 from airtact.evaluation.windows import Box
@@ -101,6 +100,8 @@ def flat_triangles(quadratic_triangles: QuadraticTriangles) -> tuple[Vertices, T
     differ by micrometres. Where panels of two sizes meet, the smaller ones have
     additional nodes.
     """
+    from scipy.spatial import KDTree  # importing it takes 0.2 s
+
     nodes = quadratic_triangles.reshape(-1, 3)
     shortest = np.repeat(edge_lengths(quadratic_triangles).min(axis=1), 6)
     pairs = KDTree(nodes).query_pairs(0.1 * shortest.max(), output_type="ndarray")
