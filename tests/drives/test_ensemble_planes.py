@@ -48,8 +48,11 @@ def drawn(uncertainty: at.Uncertainty, samples: int) -> list[at.Pose]:
 
 
 def test_each_sample_is_that_of_a_hand_and_its_mirror_image_as_two_bodies() -> None:
-    computed = at.ensemble(beacons(), UPRIGHT, DOUBT, samples=2, solver=EXACT)
-    for matrix, pose in zip(computed.matrices, drawn(DOUBT, 2), strict=True):
+    """The last of 64 samples are combined from the solutions for others."""
+    computed = at.ensemble(beacons(), UPRIGHT, DOUBT, samples=64, solver=EXACT)
+    poses = drawn(DOUBT, 64)
+    for index in (0, 1, 62, 63):
+        matrix, pose = computed.matrices[index], poses[index]
         start, end = TABLE.image(pose.apply(np.array([[-6e-3, 0, 0], [6e-3, 0, 0]])))
         bodies = [finger(pose), at.capsule(start, end, radius=4e-3, edge=2e-3)]
         both = at.Scene(MEDIUM, [at.sound_hard(one) for one in bodies], frequency=40e3)
@@ -58,6 +61,17 @@ def test_each_sample_is_that_of_a_hand_and_its_mirror_image_as_two_bodies() -> N
         weights = UPRIGHT.element.sensitivity * UPRIGHT.element.weights
         exact = np.einsum("eqf,q->fe", field.reshape(len(UPRIGHT), -1, 2), weights)
         assert off(matrix, exact) < EXACT.accuracy
+
+
+def test_the_hands_of_another_seed_are_those_of_another_ensemble() -> None:
+    computed = at.ensemble(beacons(), UPRIGHT, DOUBT, samples=8, seed=0, solver=EXACT)
+    exact = at.ensemble(beacons(), UPRIGHT, DOUBT, samples=4, seed=3, solver=EXACT)
+    again = computed.resampled(4, seed=3)
+    assert again.seed == 3
+    assert again.geometry.shape == exact.geometry.shape
+    assert off(again.matrices, exact.matrices) < EXACT.accuracy
+    with raises_code("wrong_kind"):
+        computed.of_rows(np.array([0])).resampled(4, seed=3)
 
 
 def test_one_solve_serves_what_is_off_along_the_plane() -> None:

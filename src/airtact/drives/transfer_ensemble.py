@@ -15,7 +15,7 @@ motions of 2 mm and 3 degrees, the error is 0.1 % in front of flat boards and 1 
 If bodies move independently, each sample is solved separately, in air of that sample's temperature.
 In front of a rigid plane, one solve covers all hands at the same position relative to the plane:
 those that were shifted along it or turned about its normal. For other rigid motions, only the sound
-that the plane reflects is solved again, with twice the relative error (``BodiesBeforePlane``). For
+that the plane reflects is computed again, with twice the relative error (``BodiesBeforePlane``). For
 an open hand 30 mm in front of a plane, solved with an accuracy of 3 %, the rows of the matrix
 differ by 2 to 4 % from those obtained by solving each sample separately.
 """
@@ -47,7 +47,7 @@ from airtact.drives.transfer import FociRows, TransferMatrix, transfer_matrix
 from airtact.errors import InvalidInput, check_seed, counted, of_kind, one_line
 from airtact.geometry.pose import Pose
 from airtact.transducers.layout import PhasedArray
-from airtact.transducers.placement import check_placement, strength_in
+from airtact.transducers.placement import MAX_ELEMENT_DISTANCE, check_placement, strength_in
 
 # Largest allowed number of samples; a larger number is probably a mistake.
 MAX_SAMPLES = 10_000
@@ -73,6 +73,7 @@ class TransferEnsemble(TransferMatrix):
     seed : seed of the samples.
     left_out : number of further samples that were drawn but omitted because they are impossible,
         such as hands that overlap a transducer.
+    sampler : computes further samples; None if the ensemble was not made by ``ensemble``.
 
     Raises
     ------
@@ -87,6 +88,7 @@ class TransferEnsemble(TransferMatrix):
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     seed: int = 0
     left_out: int = 0
+    sampler: "_Sampler | None" = None
 
     def __repr__(self) -> str:
         samples, foci, elements = self.geometry.shape
@@ -115,7 +117,50 @@ class TransferEnsemble(TransferMatrix):
     def of_rows(self, rows: Int64[np.ndarray, "rows"]) -> "TransferEnsemble":
         """Return the ensemble with only the given rows, in this order."""
         foci = None if self.foci is None else self.foci[rows]
-        return replace(self, matrix=self.matrix[rows], foci=foci, geometry=self.geometry[:, rows])
+        return replace(
+            self,
+            matrix=self.matrix[rows],
+            foci=foci,
+            geometry=self.geometry[:, rows],
+            sampler=None,
+        )
+
+    def resampled(self, samples: int, seed: int) -> "TransferEnsemble":
+        """Return an ensemble of other samples of the same uncertainty.
+
+        The result is that of ``ensemble`` with the same arguments except ``samples`` and ``seed``,
+        within the accuracy of its solver, but is computed faster.
+
+        Raises
+        ------
+        InvalidInput
+            If this ensemble was not made by ``ensemble``, or for the reasons of ``ensemble``.
+        """
+        check_counts(samples, seed)
+        if self.sampler is None:
+            raise InvalidInput(
+                "only an ensemble that ensemble() returned can be sampled again.",
+                code="wrong_kind",
+            )
+        matrices = [
+            matrix
+            for matrix in self.sampler.matrices(self.sampler.draw(samples, seed))
+            if matrix is not None
+        ]
+        if not matrices:
+            raise InvalidInput(
+                f"all {samples} samples are impossible: an element is inside a body, or a body or "
+                "a focus is behind the face of an element. Use smaller deviations or move the "
+                "array away.",
+                code="empty",
+            )
+        return replace(
+            self,
+            geometry=np.stack(matrices),
+            gains=gains(self.uncertainty, len(matrices), seed, self.matrix.shape[1]),
+            seed=seed,
+            left_out=samples - len(matrices),
+        )
 
     @property
     def matrices(self) -> Complex128[np.ndarray, "samples foci elements"]:
@@ -200,27 +245,16 @@ def ensemble(
     nominal = transfer_matrix(beacons, array)
     check_doubts(uncertainty, beacons.scene)
     sampler = _Sampler.of(beacons, array, nominal.matrix, uncertainty, solver)
-    matrices = [
-        matrix for matrix in sampler.matrices(sampler.draw(samples, seed)) if matrix is not None
-    ]
-    if not matrices:
-        raise InvalidInput(
-            f"all {samples} samples are impossible: an element is inside a body, or a body or a "
-            "focus is behind the face of an element. Use smaller deviations or move the array "
-            "away.",
-            code="empty",
-        )
+    # The nominal matrix stands for the samples, which are computed next.
     return TransferEnsemble(
         matrix=nominal.matrix,
         estimated_error=nominal.estimated_error,
         foci=nominal.foci,
         wavelength=nominal.wavelength,
-        geometry=np.stack(matrices),
-        gains=gains(uncertainty, len(matrices), seed, len(array)),
+        geometry=nominal.matrix[None],
         uncertainty=uncertainty,
-        seed=seed,
-        left_out=samples - len(matrices),
-    )
+        sampler=sampler,
+    ).resampled(samples, seed)
 
 
 def check_counts(samples: int, seed: int) -> None:
@@ -500,7 +534,7 @@ class _Sampler:
         plane = _plane_seen(fixed_plane, draw.hand)
         scene = replace(self.field.scene, planes=[plane])
         array = self.array.seen_from(draw.hand)
-        check_placement(scene, array, self.field.sources.positions)
+        self._check(draw.hand, self.field.sources.positions, scene)
         monopoles = self._bodies.reflected(scene)
         parts = np.array_split(np.arange(len(monopoles.positions)), 16)
         means = np.zeros_like(self.remainder)
@@ -528,8 +562,13 @@ class _Sampler:
     def _at_array(self, field: RadiatedField, draw: Draw) -> FociRows:
         return transfer_matrix(field, self.array.seen_from(draw.hand)).matrix
 
-    def _check(self, pose: Pose, foci: Real[np.ndarray, "group 3"]) -> None:
-        """Check the placement of the array if a body or plane is near enough to matter."""
+    def _check(
+        self, pose: Pose, foci: Real[np.ndarray, "group 3"], scene: Scene | None = None
+    ) -> None:
+        """Check the placement of the array if a body or plane is near enough to matter.
+
+        ``scene`` is the scene in the frame of the hand; by default, that of the field.
+        """
         array = self.array
         spheres = pose.apply(foci)
         radii = np.zeros(len(foci))
@@ -538,13 +577,17 @@ class _Sampler:
             centre, radius = self.ball
             spheres = np.vstack([spheres, pose.apply(centre)])
             radii = np.append(radii, radius)
-            nearest = np.linalg.norm(array.positions - spheres[-1], axis=1).min()
-            suspect = nearest <= radius + array.element.reach
+            distances = np.linalg.norm(array.positions - spheres[-1], axis=1)
+            suspect = distances.min() <= radius + array.element.reach
+            suspect = suspect or distances.max() > MAX_ELEMENT_DISTANCE
+        for plane in self.field.scene.planes:  # the images must be in front of the faces, too
+            spheres = np.vstack([spheres, plane.image(spheres)])
+            radii = np.tile(radii, 2)
         if array.element.directional:
             heights = spheres @ array.normals.T - np.sum(array.positions * array.normals, axis=1)
             suspect = suspect or not (heights > radii[:, None]).all()
         if suspect:
-            check_placement(self.field.scene, array.seen_from(pose), foci)
+            check_placement(scene or self.field.scene, array.seen_from(pose), foci)
 
 
 def _expanded(field: RadiatedField) -> RadiatedField:

@@ -373,7 +373,7 @@ def _compare_methods(
         weights = setup.target.weights
         requested = np.flatnonzero(weights > 0.0)
         with clock.step("doubt", "evaluating the drives on other samples of the uncertainty"):
-            samples = other_samples(setup, beacons)
+            samples = other_samples(setup, transfer)
             for (name, drive), pressures in zip(emitted.items(), at_foci, strict=True):
                 ratios = np.abs(samples.pressures(drive)[:, requested]) / weights[requested]
                 lowest = np.quantile(ratios.min(axis=1), 0.1)

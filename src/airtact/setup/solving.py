@@ -130,15 +130,12 @@ def solver_of_samples(setup: Setup) -> Solver | None:
     return replace(setup.solver, estimate=False)
 
 
-def other_samples(setup: Setup, beacons: RadiatedField) -> "at.drives.TransferEnsemble":
+def other_samples(setup: Setup, transfer: TransferMatrix) -> "at.drives.TransferEnsemble":
     """Sample the uncertainty of a setup with a seed that was not used to compute the drive."""
-    assert setup.uncertainty is not None
-    solver = solver_of_samples(setup)
+    assert isinstance(transfer, at.drives.TransferEnsemble)
     # In front of a plane, each sample requires its own solve.
-    count = 256 if solver is None else 64
-    return at.ensemble(
-        beacons, setup.array, setup.uncertainty, count, setup.seed + 1, solver=solver
-    )
+    count = 256 if solver_of_samples(setup) is None else 64
+    return transfer.resampled(count, setup.seed + 1)
 
 
 def synthesise(

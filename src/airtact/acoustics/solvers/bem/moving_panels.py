@@ -13,13 +13,14 @@ monopoles w satisfies
     (A + B) w = b − B s,
 
 where s is the density in open air and b the right-hand side of the images of the sources. A and the
-panels remain the same.
+panels remain the same. For planes in similar positions, the solutions hardly differ from
+combinations of a few of them, so most need no iteration (``EarlierSolutions``).
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool, Complex64, Float64
 
 from airtact import _kernels
 from airtact.acoustics.scene import Scene, check_sources
@@ -49,6 +50,8 @@ from airtact.acoustics.solvers.shared import (
 from airtact.acoustics.sources import Monopoles
 from airtact.errors import in_short
 from airtact.geometry.mesh.triangles import QuadraticTriangles
+
+SideRows = Complex64[np.ndarray, "sides nodes"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,6 +173,44 @@ class MovingPanels:
         return result.solution.T.astype(np.complex128)
 
 
+@dataclass(eq=False)
+class EarlierSolutions:
+    """The span of solutions x of A x = b for earlier vectors b.
+
+    Attributes
+    ----------
+    vectors : combinations of the earlier solutions, as rows.
+    products : their products with A, as orthonormal rows.
+    """
+
+    vectors: Complex64[np.ndarray, "solutions nodes"]
+    products: Complex64[np.ndarray, "solutions nodes"]
+
+    def nearest(self, right: Complex64[np.ndarray, "sides nodes"]) -> tuple[SideRows, SideRows]:
+        """Return the combination x with the smallest residual b − A x, and this residual."""
+        weights = (self.products @ right.conj().T).conj().T  # conjugates the smaller matrix
+        return weights @ self.vectors, right - weights @ self.products
+
+    def add(
+        self,
+        vectors: Complex64[np.ndarray, "added nodes"],
+        products: Complex64[np.ndarray, "added nodes"],
+    ) -> None:
+        """Add solutions and their products with A, unless they depend linearly on earlier ones."""
+        if len(self.vectors) > 500:  # more would take much memory and save few iterations
+            return
+        size = np.linalg.norm(products, axis=1).max()
+        for _ in range(2):  # once leaves too large an error in single precision
+            weights = (self.products @ products.conj().T).conj().T
+            vectors = vectors - weights @ self.vectors
+            products = products - weights @ self.products
+        turn, lengths, unitary = np.linalg.svd(products, full_matrices=False)
+        chosen = lengths > 0.01 * size
+        vectors = (turn[:, chosen] / lengths[chosen]).conj().T @ vectors
+        self.vectors = np.concatenate([self.vectors, vectors])
+        self.products = np.concatenate([self.products, unitary[chosen]])
+
+
 @dataclass(frozen=True, eq=False)
 class BodiesBeforePlane:
     """A fixed arrangement of bodies and sources in front of a moving plane.
@@ -184,6 +225,7 @@ class BodiesBeforePlane:
     surface, matrix, density : panels of the bodies, their matrix, and the solution without the
         plane.
     factors : factor by which each source's strength is multiplied: 2 on a body and 1 elsewhere.
+    earlier : solutions for earlier positions of the plane.
     """
 
     solver: BoundaryElement
@@ -192,6 +234,7 @@ class BodiesBeforePlane:
     matrix: BlockMatrix
     density: NodeValues
     factors: Float64[np.ndarray, "sources"]
+    earlier: EarlierSolutions
 
     @classmethod
     def of(cls, solver: BoundaryElement, scene: Scene, sources: Monopoles) -> "BodiesBeforePlane":
@@ -202,7 +245,16 @@ class BodiesBeforePlane:
         matrix = assemble(surface, "bfloat16", LOW_RANK_ERROR * accuracy)
         right, factors = transposed_right_side(surface, sources.positions, sources.strengths)
         solved = solver._iterate(scene, [matrix], right, True, solver._tolerance(scene))
-        return cls(solver, sources, surface, matrix, solved.solution.T, factors)
+        nothing = np.empty((0, matrix.count), dtype=np.complex64)
+        return cls(
+            solver=solver,
+            sources=sources,
+            surface=surface,
+            matrix=matrix,
+            density=solved.solution.T,
+            factors=factors,
+            earlier=EarlierSolutions(nothing, nothing),
+        )
 
     def reflected(self, scene: Scene) -> Monopoles:
         """Return monopoles that radiate the additional field caused by the plane of a scene.
@@ -223,12 +275,35 @@ class BodiesBeforePlane:
             self.factors[:, None] * self.sources.strengths,
         )
         right -= image.times(self.density.T, transposed=True).T
+        # The right-hand side is scaled because squares would leave the range of single precision.
+        size = np.abs(right).max(axis=0, initial=0.0)
+        size[size == 0.0] = 1.0
+        rest = (right / size).T.astype(np.complex64)
+        norms = np.maximum(np.linalg.norm(rest, axis=1), 1e-30)
+        solution = np.zeros_like(rest)
         # This is looser than the tolerance of a whole solve, because w is the smaller part of v.
-        tolerance = 3.0 * self.solver.accuracy
-        matrices = [self.matrix, image]
-        solved = self.solver._iterate(scene, matrices, right, True, tolerance)
+        tolerance = 4.0 * self.solver.accuracy
+        share = 1.0
+        # Each step adds the sound that goes from the bodies to the plane and back once more.
+        while share > tolerance:
+            step, left = self.earlier.nearest(rest)
+            left -= image.times(step, transposed=True)
+            shrunk = float((np.linalg.norm(left, axis=1) / norms).max())
+            if shrunk > max(0.75 * share, tolerance):
+                break
+            share = shrunk
+            rest = left
+            solution += step
+        if share > tolerance:
+            # Solving more accurately makes better combinations for the following planes.
+            right = rest.T.astype(np.complex128)
+            closer = 0.5 * tolerance / share
+            solved = self.solver._iterate(scene, [self.matrix, image], right, True, closer)
+            correction = solved.solution.astype(np.complex64)
+            solution += correction
+            self.earlier.add(correction, self.matrix.times(correction, transposed=True))
         monopoles = TransposedSolution(
-            self.sources, self.surface, solved.solution.T, self.factors
+            self.sources, self.surface, solution.T * size, self.factors
         ).scattering
         # Put each second collocation point after the nodes that share it.
         nodes = np.arange(len(self.surface.nodes.points)).reshape(-1, _kernels.sharing)
