@@ -198,6 +198,7 @@ def closest_on_panels(
     order: np.ndarray,
     lower: np.ndarray,
     upper: np.ndarray,
+    sides: np.ndarray,
     within: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]: ...
 def gerchberg_saxton(

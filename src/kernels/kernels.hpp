@@ -200,9 +200,10 @@ void block_order(const double *points, std::int64_t n, std::int64_t each, std::i
 // For each target the panel that is closest, the reference coordinates of its closest point and how far that is, of those
 // nearer than `distance` says at first; infinitely far where there are none. The
 // boxes are a binary tree as a heap: box 1 holds all, box b holds boxes 2 b and 2 b + 1, box leaves + l holds panel
-// order[l]. Empty boxes have infinite lower corners.
+// order[l]. Empty boxes have infinite lower corners. sides: three planes for each
+// leaf that its panel lies behind, as unit normals and distances from the origin.
 void closest_on_panels(const double *targets, std::int64_t n, const double *quadratic_triangles, const std::int64_t *order,
-                       const double *lower, const double *upper, std::int64_t leaves,
+                       const double *lower, const double *upper, const double *sides, std::int64_t leaves,
                        std::int64_t *panel, double *reference, double *distance);
 
 // out[e, m] = integral over the panel of kernel(x, y) * monomial_m(reference point) dS, m in 1, x, y, xx, xy, yy;

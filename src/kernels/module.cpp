@@ -626,9 +626,10 @@ static void near_excess(Points targets, const bound::NearRows &rows, const bound
          layer.points.data(), normals, layer.single_layer(), nodal.data(), layer.k, least, quadrature.rule(), rows.excess.data());
 }
 
-static nb::tuple closest(Points targets, Triangles panels, Index order, Points lower, Points upper, std::optional<Line> within) {
+static nb::tuple closest(Points targets, Triangles panels, Index order, Points lower, Points upper, Read<double, -1, 3, 4> sides,
+                         std::optional<Line> within) {
     const std::size_t n = targets.shape(0);
-    same(2 * order.shape(0), lower.shape(0)), same(lower.shape(0), upper.shape(0));
+    same(2 * order.shape(0), lower.shape(0)), same(lower.shape(0), upper.shape(0)), same(order.shape(0), sides.shape(0));
     if (within) same(n, within->shape(0));
     const Output<std::int64_t> panel({n});
     const Output<double> reference({n, 2}), distance({n});
@@ -638,7 +639,7 @@ static nb::tuple closest(Points targets, Triangles panels, Index order, Points l
     {
         nb::gil_scoped_release release;
         active->closest_on_panels(targets.data(), n, panels.data(), order.data(), lower.data(), upper.data(),
-                                  order.shape(0), panel.data, reference.data, distance.data);
+                                  sides.data(), order.shape(0), panel.data, reference.data, distance.data);
     }
     return nb::make_tuple(panel.array, reference.array, distance.array);
 }
@@ -857,7 +858,7 @@ NB_MODULE(_kernels, m) {
     m.def("place_nodes", &place_nodes);
     m.def("panel_distances", &panel_distances);
     m.def("closest_on_panels", &closest, "targets"_a, "quadratic_triangles"_a, "order"_a, "lower"_a, "upper"_a,
-          "within"_a = nb::none());
+          "sides"_a, "within"_a = nb::none());
     m.def("hull_distances", &apart_from_hulls);
     m.def("blended_distance", &blended);
     m.def("hull_gaps", &gaps, "points"_a, "balls"_a, "parts"_a, "blend"_a, "camera"_a.none(), "facing"_a);

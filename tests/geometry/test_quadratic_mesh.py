@@ -53,6 +53,17 @@ def test_a_tree_of_few_panels_is_searched_too(rng, count):
 
 
 @pytest.mark.usefixtures("variant")
+@pytest.mark.parametrize("within", [None, 0.01])
+def test_panels_that_bulge_beyond_their_corners_are_not_left_out(rng, within):
+    panels = 0.03 * rng.normal(size=(30, 1, 3)) + 0.01 * rng.normal(size=(30, 6, 3))
+    inner = shape_functions(rng.dirichlet([1, 1, 1], size=5)[:, 1:]) @ panels
+    points = np.concatenate([0.03 * rng.normal(size=(50, 3)), inner.reshape(-1, 3)])
+    limits = None if within is None else np.full(len(points), within)
+    alone = np.stack([panel_tree(panel[None]).closest(points, limits)[2] for panel in panels])
+    assert np.array_equal(panel_tree(panels).closest(points, limits)[2], alone.min(axis=0))
+
+
+@pytest.mark.usefixtures("variant")
 def test_a_point_has_the_same_closest_panel_alone_and_among_others(rng):
     tree = panel_tree(curved_mesh(bumpy()).quadratic_triangles)
     points = rng.normal(scale=0.01, size=(300, 3))

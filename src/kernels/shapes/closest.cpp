@@ -22,7 +22,7 @@ struct Search {
         for (int d = 0; d < 6; d++) x[d] = targets[3 * of + d % 3];
     }
     // The next leaf that may hold a closer panel, or -1 at the end
-    std::int64_t next(const double *lower, const double *upper, std::int64_t leaves) {
+    std::int64_t next(const double *lower, const double *upper, const double *sides, std::int64_t leaves) {
         while (depth) {
             std::int64_t inner = box[--depth];
             if (away[depth] >= best) continue;
@@ -41,6 +41,13 @@ struct Search {
                 if (away[depth] < best) depth++;
                 inner = left_first ? left : right;
             }
+            const double *side = sides + 12 * (inner - leaves);
+            double beyond = 0;  // boxes of neighbours overlap, but the panels lie beyond their common edge
+            for (int e = 0; e < 3; e++) {
+                const double gap = side[4 * e] * x[0] + side[4 * e + 1] * x[1] + side[4 * e + 2] * x[2] - side[4 * e + 3];
+                beyond = gap > beyond ? gap : beyond;
+            }
+            if (beyond > 0 && beyond * beyond >= best) continue;
             return inner - leaves;
         }
         return -1;
@@ -50,7 +57,7 @@ struct Search {
 }  // namespace
 
 void closest_on_panels(const double *targets, std::int64_t n, const double *quadratic_triangles, const std::int64_t *order,
-                       const double *lower, const double *upper, std::int64_t leaves,
+                       const double *lower, const double *upper, const double *sides, std::int64_t leaves,
                        std::int64_t *panel, double *reference, double *distance) {
     constexpr std::int64_t each = 128;  // targets for one thread
     constexpr int some = 16;            // searches side by side, whose panels are evaluated at once
@@ -66,7 +73,7 @@ void closest_on_panels(const double *targets, std::int64_t n, const double *quad
         while (true) {
             for (int l = 0; l < count;) {
                 Search &search = searches[l];
-                const std::int64_t leaf = search.next(lower, upper, leaves);
+                const std::int64_t leaf = search.next(lower, upper, sides, leaves);
                 if (leaf >= 0) {
                     tried[l] = order[leaf];
                     patches.put(l, quadratic_triangles + 18 * tried[l], search.x);

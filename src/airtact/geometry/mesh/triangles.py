@@ -422,13 +422,15 @@ class PanelTree:
 
     The corners of the boxes, ``lower`` and ``upper`` [m], are stored as a heap: box 1 contains all
     panels, and box b contains boxes 2 b and 2 b + 1. Each box of the last level contains the panel
-    in ``order``, or is empty and lies at infinity.
+    in ``order``, or is empty and lies at infinity. Each panel of the last level lies behind three
+    planes along its edges, in ``sides``: outward unit normal, and distance from the origin [m].
     """
 
     quadratic_triangles: QuadraticTriangles
     order: Int64[np.ndarray, "leaves"]
     lower: Float64[np.ndarray, "boxes 3"]
     upper: Float64[np.ndarray, "boxes 3"]
+    sides: Float64[np.ndarray, "leaves 3 4"]
 
     @cached_property
     def _near(self) -> float:
@@ -444,7 +446,7 @@ class PanelTree:
         The closest point is in reference coordinates, and the distance in metres. If no panel is
         closer than ``within`` [m], the panel is arbitrary and the distance infinite.
         """
-        tree = (self.quadratic_triangles, self.order, self.lower, self.upper)
+        tree = (self.quadratic_triangles, self.order, self.lower, self.upper, self.sides)
         if within is not None:
             return _kernels.closest_on_panels(points, *tree, within)
         # Most points are near the surface. A search in a small radius takes half the time, because
@@ -490,4 +492,10 @@ def panel_tree(panels: QuadraticTriangles) -> PanelTree:
         parents = slice(leaves, 2 * leaves)
         lower[parents] = lower[children].reshape(leaves, 2, 3).min(axis=1)
         upper[parents] = upper[children].reshape(leaves, 2, 3).max(axis=1)
-    return PanelTree(panels, order, lower, upper)
+    # Boxes of neighbours overlap, but the planes along their edges separate them.
+    edges = np.roll(corners, -1, axis=1) - corners
+    outward = unit(np.cross(edges, area_vectors(corners)[:, None]))
+    distance = (hull @ outward.transpose(0, 2, 1)).max(axis=1)
+    sides = np.zeros((len(order), 3, 4))
+    sides[filled] = np.concatenate([outward, distance[:, :, None]], axis=2)[by_place]
+    return PanelTree(panels, order, lower, upper, sides)
