@@ -15,8 +15,8 @@ motions of 2 mm and 3 degrees, the error is 0.1 % in front of flat boards and 1 
 If bodies move independently, each sample is solved separately, in air of that sample's temperature.
 In front of a rigid plane, one solve covers all hands at the same position relative to the plane:
 those that were shifted along it or turned about its normal. For other rigid motions, only the sound
-that the plane reflects is computed again, with twice the relative error (``BodiesBeforePlane``). For
-an open hand 30 mm in front of a plane, solved with an accuracy of 3 %, the rows of the matrix
+that the plane reflects is computed again, with twice the relative error (``BodiesBeforePlane``).
+For an open hand 30 mm in front of a plane, solved with an accuracy of 3 %, the rows of the matrix
 differ by 2 to 4 % from those obtained by solving each sample separately.
 """
 
