@@ -110,6 +110,9 @@ void few_rounded_products(const std::int16_t *matrix, const float *scales, std::
 template <class Real>
 void krylov_step(std::complex<Real> *bases, std::int64_t sides, std::int64_t m, std::int64_t step, const Krylov &spaces);
 
+// Inverts `count` matrices of n rows in place
+template <class Real> void invert_blocks(std::complex<Real> *blocks, std::int64_t count, std::int64_t n);
+
 // out[i, j] = D(x_i, y_j)
 template <class Real>
 void double_layer_matrix(const double *targets, std::int64_t n, const double *sources, const double *normals,

@@ -36,6 +36,7 @@ template <class Real> struct Far {
     decltype(&baseline::dual_matrix<Real>) dual_matrix;
     decltype(&baseline::few_products<Real>) few_products;
     decltype(&baseline::krylov_step<Real>) krylov_step;
+    decltype(&baseline::invert_blocks<Real>) invert_blocks;
     decltype(&baseline::apply_double_layer<Real>) apply_double_layer;
     decltype(&baseline::apply_monopoles<Real>) apply_monopoles;
     decltype(&baseline::near_excess<Real>) near_excess;
@@ -77,8 +78,8 @@ struct Variant {
 
 #define AIRTACT_FAR(v, Real)                                                                                          \
     { &v::double_layer_matrix<Real>, &v::apply_transposed<Real>, &v::dual_matrix<Real>, &v::few_products<Real>,       \
-      &v::krylov_step<Real>, &v::apply_double_layer<Real>, &v::apply_monopoles<Real>, &v::near_excess<Real>,          \
-      &v::chebyshev_sum<Real> }
+      &v::krylov_step<Real>, &v::invert_blocks<Real>, &v::apply_double_layer<Real>, &v::apply_monopoles<Real>,         \
+      &v::near_excess<Real>, &v::chebyshev_sum<Real> }
 #define AIRTACT_DUAL(v, Store)                                                                                        \
     Dual<Store> { &v::dual_blocks<Store>, &v::dual_low_rank<Store>, &v::dual_product<Store> }
 #define AIRTACT_TABLE(v)                                                                                              \
@@ -467,6 +468,12 @@ template <class Real> void krylov_step(Write<std::complex<Real>, -1, -1, -1> bas
     far<Real>().krylov_step(bases.data(), spaces.sides(), bases.shape(2), std::int64_t(vectors) - 2, spaces.krylov());
 }
 
+template <class Real> void invert_blocks(Write<std::complex<Real>, -1, -1, -1> blocks) {
+    same(blocks.shape(1), blocks.shape(2));
+    nb::gil_scoped_release release;
+    far<Real>().invert_blocks(blocks.data(), blocks.shape(0), blocks.shape(1));
+}
+
 static nb::object detoured(Read<double, -1, -1, 3> centres, Points foci, Points elements, Line straight,
                            Read<std::complex<float>, -1, -1, -1> waves, double k) {
     const std::size_t bones = centres.shape(0), count = foci.shape(0), n = elements.shape(0);
@@ -822,6 +829,7 @@ NB_MODULE(_kernels, m) {
     const auto both = [&](auto real) {
         using Real = decltype(real);
         m.def("few_products", &few_products<Real>, "matrix"_a.noconvert(), "vectors"_a.noconvert(), "transposed"_a);
+        m.def("invert_blocks", &invert_blocks<Real>, "blocks"_a.noconvert());
         m.def("krylov_step", &krylov_step<Real>, "bases"_a.noconvert(), "spaces"_a);
         m.def("chebyshev_sum", &chebyshev<Real>, "values"_a.noconvert(), "columns"_a, "rows"_a, "factors"_a.noconvert(),
               "x"_a.noconvert());

@@ -91,7 +91,65 @@ void solve_triangle(const Complex *triangle, const Complex *right, std::int64_t 
     }
 }
 
+// Inverts a matrix of n rows in place, by Gauss-Jordan elimination. Each row has `width` real parts, then as many imaginary ones.
+template <class Real> void invert(Real *rows, std::int64_t n, std::int64_t width) {
+    std::vector<std::int64_t> pivots(n);
+    for (std::int64_t k = 0; k < n; k++) {
+        const auto size = [&](std::int64_t i) {
+            const Real *const row = rows + 2 * width * i + k;
+            return row[0] * row[0] + row[width] * row[width];
+        };
+        std::int64_t pivot = k;
+        for (std::int64_t i = k + 1; i < n; i++)
+            if (size(i) > size(pivot)) pivot = i;
+        pivots[k] = pivot;
+        Real *const re = rows + 2 * width * k, *const im = re + width;
+        if (pivot != k) std::swap_ranges(re, re + 2 * width, rows + 2 * width * pivot);
+        const std::complex<Real> inverse = Real(1) / std::complex<Real>(re[k], im[k]);
+        re[k] = 1, im[k] = 0;
+        for (std::int64_t l = 0; l < n; l++) {
+            const Real x = re[l], y = im[l];
+            re[l] = x * inverse.real() - y * inverse.imag(), im[l] = x * inverse.imag() + y * inverse.real();
+        }
+        for (std::int64_t i = 0; i < n; i++) {
+            if (i == k) continue;
+            Real *const p = rows + 2 * width * i, *const q = p + width;
+            const Real x = p[k], y = q[k];
+            p[k] = q[k] = 0;
+#pragma omp simd
+            for (std::int64_t l = 0; l < width; l++) {
+                p[l] -= x * re[l] - y * im[l];
+                q[l] -= x * im[l] + y * re[l];
+            }
+        }
+    }
+    // Exchanged rows of a matrix are exchanged columns of its inverse.
+    for (std::int64_t k = n - 1; k >= 0; k--)
+        for (std::int64_t i = 0; pivots[k] != k && i < 2 * n; i++) std::swap(rows[width * i + k], rows[width * i + pivots[k]]);
+}
+
 }  // namespace
+
+template <class Real> void invert_blocks(std::complex<Real> *blocks, std::int64_t count, std::int64_t n) {
+    const std::int64_t width = whole_lines<Real>(n);
+#pragma omp parallel for schedule(dynamic, 1)
+    for (std::int64_t b = 0; b < count; b++) {
+        std::complex<Real> *const block = blocks + n * n * b;
+        Lined<Real> rows(2 * n * width);
+        for (std::int64_t i = 0; i < n; i++)
+            for (std::int64_t j = 0; j < n; j++) {
+                rows[2 * width * i + j] = block[n * i + j].real();
+                rows[2 * width * i + width + j] = block[n * i + j].imag();
+            }
+        invert(rows.data(), n, width);
+        for (std::int64_t i = 0; i < n; i++)
+            for (std::int64_t j = 0; j < n; j++)
+                block[n * i + j] = {rows[2 * width * i + j], rows[2 * width * i + width + j]};
+    }
+}
+
+template void invert_blocks<float>(std::complex<float> *, std::int64_t, std::int64_t);
+template void invert_blocks<double>(std::complex<double> *, std::int64_t, std::int64_t);
 
 template <class Real>
 void krylov_step(std::complex<Real> *bases, std::int64_t sides, std::int64_t m, std::int64_t step, const Krylov &spaces) {

@@ -25,6 +25,7 @@ from airtact.acoustics.solvers.bem.block_matrix import (
     blocks_of,
     check_memory,
     eliminate,
+    iterate,
     worth_eliminating,
 )
 from airtact.acoustics.solvers.bem.field import (
@@ -52,7 +53,7 @@ from airtact.acoustics.solvers.problem import (
     SolveReport,
     surrounding_points,
 )
-from airtact.acoustics.solvers.shared import GmresResult, Points, gmres
+from airtact.acoustics.solvers.shared import GmresResult, Points
 from airtact.acoustics.sources import Monopoles
 from airtact.errors import InvalidInput, counted, number, points_of
 from airtact.geometry.panels import Panels, covers, panels_of
@@ -499,21 +500,16 @@ class BoundaryElement(Solver):
         size[size == 0.0] = 1.0
         right_sides = np.ascontiguousarray((right / size).T, dtype=matrices[0].precision)
 
-        def product(vectors: np.ndarray) -> np.ndarray:
-            total = matrices[0].times(vectors, transposed)
-            for matrix in matrices[1:]:
-                total += matrix.times(vectors, transposed)
-            return total
-
         # Each right-hand side has its own basis of 16 vectors or more, so hundreds of right-hand
         # sides are solved in groups that need at most about 0.2 GB each.
         group = max(32, int(1.5e6 / right_sides.shape[1]))
         results = [
             # A cavity makes the equations ill-conditioned, so the error of the solution counts too.
             # Sound decays slowly between boards that face each other.
-            gmres(
-                product,
+            iterate(
+                matrices,
                 right_sides[first : first + group],
+                transposed,
                 tolerance,
                 error=0.5 * self.accuracy,
                 most_iterations=600 if scene.boards else 120,
@@ -594,9 +590,7 @@ class BoundaryElement(Solver):
         if self.precision == "float64":
             tolerance = min(0.1 * self.accuracy, 1e-8)
         elif not self.estimate:  # only for receivers far away
-            tolerance = self.accuracy * (
-                0.8 if self.accuracy >= 0.06 else 0.5 if self.accuracy >= 0.04 else 0.4
-            )
+            tolerance = self.accuracy * (0.8 if self.accuracy >= 0.06 else 0.5)
         else:
             # In narrow gaps the error is up to nine times the residual.
             tolerance = max(0.1 * self.max_error, 2e-6)
