@@ -12,14 +12,14 @@ K = 2 * np.pi * 40e3 / 343.0
 def test_one_element_is_as_loud_as_its_distance_says() -> None:
     """p = s d / r on a sphere of half a metre around one element."""
     loud = pressures_around(np.zeros((1, 3)), np.array([[0.5 + 0.0j]]), 4.38, K)
-    assert loud == pytest.approx((4.38 * 0.5 / 0.5,) * 2, rel=1e-6)
+    assert loud == pytest.approx((4.38 * 0.5 / 0.5,) * 2, rel=1e-5)
 
 
 def test_the_strongest_frame_and_the_mean_of_all_count() -> None:
     drives = np.array([[0.1], [1.0], [0.0]], dtype=complex)
     peak, average = pressures_around(np.zeros((1, 3)), drives, 1.0, K, distance=2.0)
-    assert peak == pytest.approx(0.5)
-    assert average == pytest.approx(0.5 * np.sqrt(1.01 / 3))
+    assert peak == pytest.approx(0.5, rel=1e-5)  # in single precision
+    assert average == pytest.approx(0.5 * np.sqrt(1.01 / 3), rel=1e-5)
 
 
 def test_a_beam_is_found_where_it_goes() -> None:

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Complex, Float64, Num, Real
 
+from airtact.acoustics.solvers.shared import monopole_pressure
 from airtact.acoustics.target_points import even_directions
 from airtact.drives.frame import Frame, frame_at, share_under_cap
 from airtact.errors import InvalidInput
@@ -71,22 +72,10 @@ def pressures_around(
     middle = (positions.min(axis=0) + positions.max(axis=0)) / 2.0
     radius = float(np.linalg.norm(positions - middle, axis=1).max()) + distance
 
-    sources = (positions - middle).astype(np.float32)
-    amplitudes = drives.T.astype(np.complex64)
-
     def pressures(directions: Real[np.ndarray, "directions 3"]) -> Float64[np.ndarray, "two any"]:
-        values = []
-        # Working in parts limits the memory, and single precision takes a tenth of the time.
-        for part in np.array_split(directions.astype(np.float32), 10):
-            # |R u − p|² = R² − 2 R u·p + p²
-            squares = radius**2 - 2.0 * radius * (part @ sources.T) + np.sum(sources**2, axis=1)
-            lengths = np.sqrt(squares)
-            waves = np.empty(lengths.shape, dtype=np.complex64)
-            waves.real = np.cos(wavenumber * lengths) / lengths
-            waves.imag = np.sin(wavenumber * lengths) / lengths
-            frames = np.abs(waves @ amplitudes).astype(np.float64)
-            values.append([frames.max(axis=1), np.sqrt(np.mean(frames**2, axis=1))])
-        return np.concatenate(values, axis=1)
+        points = middle + radius * directions
+        frames = np.abs(monopole_pressure(points, positions, drives.T, wavenumber, "float32"))
+        return np.stack([frames.max(axis=1), np.sqrt(np.mean(frames**2, axis=1))])
 
     directions = even_directions(2000)
     coarse = pressures(directions)
