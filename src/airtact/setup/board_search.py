@@ -4,6 +4,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64
@@ -181,14 +182,13 @@ class Search:
         return None if self.clashing(poses, self.fixed) else poses
 
     def clashing(self, poses: Sequence[Pose], others: Sequence[Pose]) -> bool:
-        """Return whether any board of the first group clashes with any board of the second."""
-        return any(self.clash(first, second) for first in poses for second in others)
+        """Return whether a board of one group clashes with a board of the other.
 
-    def clash(self, first: Pose, second: Pose) -> bool:
-        """Return whether a board is within 10 mm of another, or between another and a focus."""
-        for pose, blocking in ((first, second), (second, first)):
+        Boards clash if they are less than 10 mm apart, or if one is between the other and a focus.
+        """
+        middle = middle_of(self.single)
+        for pose, blocking in (*product(poses, others), *product(others, poses)):
             inverse = blocking.inverse()
-            middle = middle_of(self.single)
             points = inverse.apply(pose.apply(self.face)) - middle
             foci = inverse.apply(self.foci) - middle
             beside = np.abs(points[:, :2]) - self.half
@@ -340,11 +340,10 @@ class Search:
         for board, pose in enumerate(poses):
             others = rows[:board] + rows[board + 1 :]
             for column, motion in enumerate(motions):
-                moved = [
-                    self.rows(pose @ centred @ way @ centred.inverse())
+                worse = min(
+                    self.weakest([*others, self.rows(pose @ centred @ way @ centred.inverse())])
                     for way in (motion, motion.inverse())
-                ]
-                worse = min(self.weakest([*others, board_rows]) for board_rows in moved)
+                )
                 changes[board, column] = worse / weakest - 1.0
         return changes
 

@@ -199,9 +199,9 @@ def _merged(
     subsets: list[set[int]] = groups.subsets()
     for members in sorted(sorted(subset) for subset in subsets):
         words.append(" + ".join(names[index] for index in members))
-        surfaces = [obstacles[index].surface for index in members]
-        single = len(members) == 1
-        bodies.append(
-            obstacles[members[0]] if single else sound_hard(at.geometry.merged(surfaces, NEAREST))
-        )
+        body = obstacles[members[0]]
+        if len(members) > 1:
+            surfaces = [obstacles[index].surface for index in members]
+            body = sound_hard(at.geometry.merged(surfaces, NEAREST))
+        bodies.append(body)
     return words, bodies

@@ -316,8 +316,9 @@ def _compare_methods(
     drives: dict[str, Drive] = {}
     warnings: list[str] = []
     times = Clock()
-    words = counted(len(methods), "method", "methods")
-    with clock.step("drives", f"computing the drive by {words}"):
+    with clock.step(
+        "drives", f"computing the drive by {counted(len(methods), 'method', 'methods')}"
+    ):
         bound = upper_bound(transfer, setup.target).worst
         for method in methods:
             words = method.replace("_", " ")

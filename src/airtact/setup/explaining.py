@@ -206,9 +206,9 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
             )
         )
     if setup.method != "best" or len(target.suppression_points):
-        name = setup.method.replace("_", " ")
         full = [drive.at_full_scale() if drive.peak else drive for drive in drives]
-        causes.append(Cause(f"the method {name}", at_foci(full), 'use method = "best"'))
+        name = f"the method {setup.method.replace('_', ' ')}"
+        causes.append(Cause(name, at_foci(full), 'use method = "best"'))
     if min(drive.peak for drive in drives) < 0.999 or target.phases is not None:
         # Boards without amplitude levels emit at full scale, whatever is requested.
         remedy = "" if setup.levels.phase_only else "request higher pressures"
@@ -219,13 +219,12 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
     emitted = rounded
     # Boards that only switch elements on and off cannot be turned down; ``emit`` asks for a cap.
     if setup.board is not None and not setup.levels.phase_only:
-        array = setup.array
         level = HeadLevel(
             np.stack([drive.amplitudes for drive in rounded]),
-            array.positions,
+            setup.array.positions,
             setup.levels,
             setup.scene.wavenumber.real,
-            array.element.sensitivity,
+            setup.array.element.sensitivity,
         )
         cap = min(1.0, level.safe_cap() / max(drive.peak for drive in rounded))
         if cap < 0.999:
@@ -239,8 +238,8 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
     for part, drive in zip(parts, emitted, strict=True):
         if last[part].any():
             sources = drive_sources(setup.array, [drive], setup.scene)
-            points = target.points[part]
-            in_real_air[part] = steepening(setup.scene, sources, points, last[part]).kept
+            steepened = steepening(setup.scene, sources, target.points[part], last[part])
+            in_real_air[part] = steepened.kept
     known = np.isfinite(in_real_air)
     if not known.all() or in_real_air.min() < 0.99:
         last = last * np.where(known, in_real_air, 1.0)
@@ -252,29 +251,26 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
             name += f", unknown at {', '.join(unknown)}"
         causes.append(Cause(name, last, "surround the hand with boards"))
     if isinstance(setup.modulation, AmplitudeModulation):
-        share = float(np.sqrt(np.mean(setup.modulation.envelope(64) ** 2)))
-        last = share * last
+        last = float(np.sqrt(np.mean(setup.modulation.envelope(64) ** 2))) * last
         causes.append(Cause(MODULATED, last))
     if kept is not None:
-        remedy = "improve the tracker, its registration or its rate"
-        causes.append(Cause("error and age of the tracked pose", kept * last, remedy))
+        causes.append(
+            Cause(
+                "error and age of the tracked pose",
+                kept * last,
+                "improve the tracker, its registration or its rate",
+            )
+        )
     weakest = target.weakest(causes[-1].pressures)
-    return Explanation(setup.foci, tuple(causes), _advice(causes, weakest), weakest)
-
-
-def _advice(causes: list[Cause], weakest: int) -> str:
-    """State which removable cause reduces the pressure at the weakest focus most.
-
-    Causes without a remedy, such as the level limit at a head, are ignored.
-    """
     best_gain = 1.1
-    words = "No single change would gain more than 10 %: use more boards, or move them closer."
+    advice = "No single change would gain more than 10 %: use more boards, or move them closer."
     for before, cause in pairwise(causes):
         gain = float(before.pressures[weakest] / max(cause.pressures[weakest], 1e-9))
+        # Causes without a remedy, such as the level limit at a head, cannot be removed.
         if cause.remedy and gain > best_gain:
             best_gain = gain
-            words = (
+            advice = (
                 f"The largest avoidable loss is due to {cause.name}. Without it, the pressure at "
                 f"the weakest focus would be {gain:.2g} times as high. Remedy: {cause.remedy}."
             )
-    return words
+    return Explanation(setup.foci, tuple(causes), advice, weakest)

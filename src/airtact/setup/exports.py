@@ -126,10 +126,6 @@ def _write_vtkhdf(
     ``cells``.
     """
     count = len(quadratic_triangles)
-    numbers = {
-        "smallest_angle": smallest_angles(quadratic_triangles),
-        "area": panel_areas(quadratic_triangles),
-    }
     with whole_hdf5(path) as file:
         root = _group(file, "VTKHDF", "UnstructuredGrid")
         for name, number in (
@@ -144,8 +140,10 @@ def _write_vtkhdf(
         # Type 22 is a triangle with six nodes: the corners, then the midpoints of 01, 12 and 20.
         root.create_dataset("Types", data=np.full(count, 22, dtype=np.uint8))
         data = root.create_group("CellData")
-        for name, values in (numbers | dict(cells)).items():
-            data.create_dataset(name, data=values)
+        data["smallest_angle"] = smallest_angles(quadratic_triangles)
+        data["area"] = panel_areas(quadratic_triangles)
+        for name, values in cells.items():
+            data[name] = values
 
 
 def _group(parent: h5py.Group, name: str, kind: str) -> h5py.Group:

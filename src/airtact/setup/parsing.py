@@ -75,11 +75,15 @@ def _check_text(text: str) -> None:
     try:
         size = len(text.encode())
     except UnicodeEncodeError as error:
-        sentence = f"the text is not Unicode: character {error.start} is an unpaired surrogate."
-        raise InvalidInput(sentence, code="file_unreadable") from None
+        raise InvalidInput(
+            f"the text is not Unicode: character {error.start} is an unpaired surrogate.",
+            code="file_unreadable",
+        ) from None
     if size > LARGEST_SCENE_FILE:
-        sentence = f"the text has {size:,} bytes, more than {LARGEST_SCENE_FILE:,}."
-        raise InvalidInput(sentence, code="file_too_large")
+        raise InvalidInput(
+            f"the text has {size:,} bytes, more than {LARGEST_SCENE_FILE:,}.",
+            code="file_too_large",
+        )
     # The decoder needs minutes for keys with thousands of parts.
     parts = 0
     for word in text.split("."):

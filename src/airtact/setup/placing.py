@@ -73,8 +73,11 @@ class Layout:
     single: PhasedArray
 
     def __repr__(self) -> str:
-        boards = counted(len(self.poses), "board", "boards")
-        return one_line(self, boards, f"weakest focus {self.weakest:,.0f} Pa")
+        return one_line(
+            self,
+            counted(len(self.poses), "board", "boards"),
+            f"weakest focus {self.weakest:,.0f} Pa",
+        )
 
     @cached_property
     def array(self) -> PhasedArray:
@@ -84,8 +87,7 @@ class Layout:
     @property
     def middles(self) -> Float64[np.ndarray, "boards 3"]:
         """(B, 3) centre of each board in the frame of the obstacles [m]."""
-        middle = middle_of(self.single)
-        return np.stack([pose.apply(middle) for pose in self.poses])
+        return np.stack([pose.apply(middle_of(self.single)) for pose in self.poses])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -118,11 +120,10 @@ class Placement:
     moves: Float64[np.ndarray, "boards 6"]
 
     def __repr__(self) -> str:
-        best = self.layouts[0]
         return one_line(
             self,
             counted(len(self.layouts), "layout", "layouts"),
-            f"best {best.weakest:,.0f} Pa",
+            f"best {self.layouts[0].weakest:,.0f} Pa",
             f"median {self.median:,.0f} Pa",
             f"present {self.present:,.0f} Pa",
         )
@@ -170,10 +171,14 @@ class Placement:
 
     def _array_table(self, layout: Layout) -> str:
         """Return the lines of the table [array] for a layout."""
-        lines = ["[array]", 'layout = "boards"', f'board = "{self.board}"']
         element = layout.single.element
-        lines.append(f"sensitivity = {element.sensitivity!r}")
-        lines.append(f'source = "{"piston" if element.directional else "monopole"}"')
+        lines = [
+            "[array]",
+            'layout = "boards"',
+            f'board = "{self.board}"',
+            f"sensitivity = {element.sensitivity!r}",
+            f'source = "{"piston" if element.directional else "monopole"}"',
+        ]
         if element.directional:
             lines.append(f"piston_radius = {element.radius!r}")
         for pose in layout.poses:
@@ -334,8 +339,7 @@ def place(
         beacons = same[0].beacons if same else _beacons(setup.solver, scene, target)
         solved.append(HandPose(scene, target, motion, beacons))
     half = 0.5 * (spread if sides is None else np.array(sides))
-    foci = np.concatenate([hand.motion.apply(hand.target.points) for hand in solved])
-    middle = foci.mean(axis=0)
+    middle = np.concatenate([hand.motion.apply(hand.target.points) for hand in solved]).mean(axis=0)
     if region is not None and not callable(region):
         middle = np.mean([point_of(corner, "a corner of the region") for corner in region], axis=0)
     mirror = None
@@ -430,8 +434,10 @@ def _fixed(setup: Setup, board: str, indices: Sequence[int]) -> list[Pose]:
     poses = kind[1] if kind is not None and kind[0].name == board else []
     if not set(indices) <= set(range(len(poses))) or len(set(indices)) < len(indices):
         words = "board" if len(indices) == 1 else "boards"
-        count = counted(len(poses), "board", "boards")
-        fault = f"the scene has {count}. Name each of them once, counting from 0."
+        fault = (
+            f"the scene has {counted(len(poses), 'board', 'boards')}. Name each of them once, "
+            "counting from 0."
+        )
         if kind is None or kind[0].name != board:
             made = "of different or unknown kinds" if kind is None else kind[0].name
             fault = f"the scene's boards are {made}, not {board}. Place boards of the same kind."
@@ -528,8 +534,11 @@ def hands_of(setup: Setup, recording: Path, count: int) -> "list[at.Hand]":
             "recording replaces exactly one.",
             code="not_supported",
         )
-    frames = load_recording(recording, leave_out=True).frames
-    hands = [frame for frame in frames if frame.landmarks is not None]
+    hands = [
+        frame
+        for frame in load_recording(recording, leave_out=True).frames
+        if frame.landmarks is not None
+    ]
     if not hands:
         raise InvalidInput(f"no frame of {recording.name} contains a hand.", code="empty")
     chosen = np.unique(np.linspace(0, len(hands) - 1, count).round().astype(int))

@@ -57,9 +57,11 @@ class ReachMap:
     report: SolveReport
 
     def __repr__(self) -> str:
-        points = counted(len(self.chosen), "point", "points")
-        bounds = f"{self.bounds.min():,.0f} to {self.bounds.max():,.0f} Pa"
-        return one_line(self, points, f"at most {bounds}")
+        return one_line(
+            self,
+            counted(len(self.chosen), "point", "points"),
+            f"at most {self.bounds.min():,.0f} to {self.bounds.max():,.0f} Pa",
+        )
 
     @property
     def points(self) -> Points:
@@ -206,8 +208,9 @@ def reach(
     normals = np.array(trimesh.Trimesh(vertices, triangles, process=False).vertex_normals)
     beside = vertices + 0.5e-3 * normals
     # Skin in a crevice, in contact with another body, or behind a plane receives no sound.
-    free = (scene.depth(beside) < -0.1e-3) & before_planes(scene.planes, beside)
-    candidates = np.flatnonzero(free)
+    candidates = np.flatnonzero(
+        (scene.depth(beside) < -0.1e-3) & before_planes(scene.planes, beside)
+    )
     chosen = candidates[_spread(vertices[candidates], points)]
     for index, surface in enumerate(surfaces.values()):
         # The triangles of the mesh are flat, but the bodies are curved.

@@ -129,8 +129,12 @@ class Plan:
         """Return pairs of name and text that describe the emission through a link."""
         drives = self.stored.drives
         board = self.board
-        words = f"{len(self.poses)} {board.title}, {drives.shape[1]} transducers, through {link}"
-        facts = [("boards", words)]
+        facts = [
+            (
+                "boards",
+                f"{len(self.poses)} {board.title}, {drives.shape[1]} transducers, through {link}",
+            )
+        ]
         if self.rate is not None:
             facts.append(("sequence", f"{len(drives)} frames at {self.rate:g} frames/s"))
         levels = "on and off" if board.amplitudes == 2 else f"{board.amplitudes} amplitudes"
@@ -138,8 +142,7 @@ class Plan:
         if self.modulation is not None:
             depth = f", {self.modulation.depth:g} deep" if self.modulation.depth < 1.0 else ""
             facts.append(("modulation", f"amplitude, {self.modulation.frequency:g} Hz{depth}"))
-        largest = float(np.abs(self.emitted).max())
-        words = f"{largest:.3g} of full scale, cap {self.cap:g}"
+        words = f"{np.abs(self.emitted).max():.3g} of full scale, cap {self.cap:g}"
         if board.amplitudes == 2:
             # Their cap is a fraction of the elements.
             words += f" ({np.count_nonzero(self.emitted[0])} of {drives.shape[1]} transducers on)"
@@ -150,9 +153,11 @@ class Plan:
             limit = ", without nonlinear steepening" if self.weakest > 1e3 else ""
             facts.append(("weakest focus", f"{self.weakest:,.0f} Pa, peak{limit}"))
         peak, average = self.head.at(self.cap)
-        words = "" if self.constant else f", {average:.0f} dB on average"
-        words = f"up to {peak:.0f} dB SPL{words}, 0.5 m from the array in open air"
-        return [*facts, ("at a head", words)]
+        mean = "" if self.constant else f", {average:.0f} dB on average"
+        return [
+            *facts,
+            ("at a head", f"up to {peak:.0f} dB SPL{mean}, 0.5 m from the array in open air"),
+        ]
 
     def notes(self) -> list[str]:
         """Sentences about the level, and about whether the drive can be felt."""

@@ -180,14 +180,13 @@ def sense(
     true_gap = None
     actual_setup = setup
     if isinstance(echoes, Simulation):
-        simulation = echoes
-        random = np.random.default_rng([simulation.seed, 1])
+        random = np.random.default_rng([echoes.seed, 1])
         along, axis = (vector / np.linalg.norm(vector) for vector in random.normal(size=(2, 3)))
-        turn = Pose.turn(axis, np.radians(simulation.degrees)).rotation
+        turn = Pose.turn(axis, np.radians(echoes.degrees)).rotation
         centre = scattering.centre
-        true = Pose(turn, centre - turn @ centre + simulation.position * along)
+        true = Pose(turn, centre - turn @ centre + echoes.position * along)
         if gap is not None:
-            true_gap = max(gap + simulation.opened, 0.25 * gap)
+            true_gap = max(gap + echoes.opened, 0.25 * gap)
             actual_setup = _with_gap(setup, true_gap)
         with clock.step("echoes", "simulating echoes of 16 codes with smaller panels"):
             echoes = simulate_echoes(
@@ -195,8 +194,8 @@ def sense(
                 actual_setup.scene,
                 setup.array.seen_from(true),
                 random_codes(len(setup.array), 16),
-                noise=simulation.noise,
-                seed=simulation.seed,
+                noise=echoes.noise,
+                seed=echoes.seed,
             )
     with clock.step("locate", "fitting the pose to the echoes"):
         if isinstance(model, ScatteringFamily):
@@ -243,10 +242,12 @@ def sense(
         if isinstance(model, ScatteringFamily):
             assert located.opening is not None  # because it was fitted with a family
             final = model.at(located.opening)
-        left = [
-            unexplained(echoes, scattering, setup.array, Pose.identity()),
-            unexplained(echoes, final, setup.array, located.pose),
-        ]
+        left = np.stack(
+            [
+                unexplained(echoes, scattering, setup.array, Pose.identity()),
+                unexplained(echoes, final, setup.array, located.pose),
+            ]
+        )
     # Shifts refer to the centre of the bodies; about the origin, a rotation would add a shift.
     centre = scattering.centre[None]
     pose = located.pose
@@ -262,7 +263,7 @@ def sense(
         shifts=np.array(shifts),
         before=before,
         after=after,
-        unexplained=np.stack(left),
+        unexplained=left,
         gap=gap,
         true_gap=true_gap,
         seconds=clock.seconds,
@@ -398,10 +399,10 @@ def calibrate_from_files(
                 )
         drives = [Drive(row) for row in np.eye(count, dtype=np.complex128)[list(elements)]]
     elif drive_files:
-        files = [read_drive_file(file) for file in drive_files]
         # Boards emit the rounded drive.
         drives = [
-            quantise(Drive(file.drives[0]), file.levels or setup.levels).drive() for file in files
+            quantise(Drive(file.drives[0]), file.levels or setup.levels).drive()
+            for file in map(read_drive_file, drive_files)
         ]
     else:
         drives = [emitted_drive(setup, clock)[0]]

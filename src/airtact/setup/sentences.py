@@ -81,9 +81,9 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
         for plane in setup.left_out
     ]
     if setup.objects and setup.contacts is None:
-        names = ", ".join(item.name for item in setup.objects)
         cautions.append(
-            f"the scene defines its foci, so its virtual objects ({names}) are only displayed. "
+            "the scene defines its foci, so its virtual objects "
+            f"({', '.join(item.name for item in setup.objects)}) are only displayed. "
             "Bodies that reflect sound belong in [[obstacles]]."
         )
     overlap = overlapping_boards(setup.array)
@@ -169,18 +169,17 @@ def _too_fast(setup: Setup) -> Iterator[str]:
     made = kind_of_array(setup.array.positions, setup.array.normals)
     if made is None:
         return
-    board, poses = made
-    codec = codec_of(board)
+    codec = codec_of(made[0])
     try:
         if isinstance(setup.modulation, AmplitudeModulation):
-            frames_of_period(setup.modulation.frequency, codec.fastest_frames(len(poses)))
+            frames_of_period(setup.modulation.frequency, codec.fastest_frames(len(made[1])))
         elif setup.motion is not None and codec.baud is not None:
             from airtact.setup.sequences import paths_of
 
             paths = paths_of(setup)
             # Short paths repeat every position.
             frames = -(-MIN_FRAMES // paths.shape[1]) * paths.shape[1]
-            codec.check_rate(frames, frames * setup.motion.turns(paths), len(poses))
+            codec.check_rate(frames, frames * setup.motion.turns(paths), len(made[1]))
     except InvalidInput as error:
         yield str(error)
 

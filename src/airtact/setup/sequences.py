@@ -155,8 +155,7 @@ def drives_at_foci(
     The drive is the same for all foci, unless one focus moves through all points.
     """
     if not setup.in_turn:
-        drive = setup.synthesise(transfer, target)
-        return np.tile(drive.amplitudes, (len(target.points), 1))
+        return np.tile(setup.synthesise(transfer, target).amplitudes, (len(target.points), 1))
     # Each point is a frame, which may be repeated.
     sequence = moving_foci(transfer, target, 1, 1.0, setup.synthesise)
     return sequence.drives[:: len(sequence) // len(target.points)]

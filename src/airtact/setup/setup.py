@@ -132,9 +132,6 @@ class Setup:
             object.__setattr__(self, "foci", tuple(f"focus {index + 1}" for index in range(count)))
         if not self.riding:
             object.__setattr__(self, "riding", (None,) * count)
-        self._check()
-
-    def _check(self) -> None:
         for name, things in (("bodies", self.scene.obstacles), ("foci", self.target.points)):
             if len(getattr(self, name)) != len(things):
                 raise InvalidInput(

@@ -285,10 +285,14 @@ def processes(count: int) -> Iterator[Executor]:
     variable = "PYTHONSAFEPATH"
     before = os.environ.get(variable, "")
     os.environ[variable] = "1"
-    # A forked child inherits locks that other threads hold, so it may hang.
-    spawn = get_context("spawn")
     try:
-        with ProcessPoolExecutor(count, spawn, _begin_process, ({variable: before},)) as pool:
+        with ProcessPoolExecutor(
+            count,
+            # A forked child inherits locks that other threads hold, so it may hang.
+            get_context("spawn"),
+            _begin_process,
+            ({variable: before},),
+        ) as pool:
             yield pool
     finally:
         os.environ[variable] = before
@@ -431,8 +435,13 @@ def scene_points(scene: Setup | str | Path) -> ScenePoints:
             )
         scene = scene.path
     scene = file_or_example(scene)
+    files = [scene]
+    # Any text in the scene file could be the name of a file.
+    for word in dict.fromkeys(_words(msgspec.to_builtins(_scene_file(scene)))):
+        file = scene.parent / word
+        if "\0" not in word and len(word) <= 255 and file.is_file():
+            files.append(file)
     # Results are stored by the content of files, so a moved or renamed file keeps its results.
-    files = [scene, *_files_named(scene)]
     content = tuple(hashlib.blake2b(bytes_of(file), digest_size=20).hexdigest() for file in files)
     return ScenePoints(scene, content)
 
@@ -485,14 +494,6 @@ def frames_of(scene: Path, recording: Path, folder: Path) -> list[Row]:
 def _scene_file(scene: Path) -> SceneFile:
     with about(scene.name):
         return parse_scene(text_of(scene, LARGEST_SCENE_FILE))
-
-
-def _files_named(scene: Path) -> Iterator[Path]:
-    # Any text in the scene file could be the name of a file.
-    for word in dict.fromkeys(_words(msgspec.to_builtins(_scene_file(scene)))):
-        file = scene.parent / word
-        if "\0" not in word and len(word) <= 255 and file.is_file():
-            yield file
 
 
 def _words(data: Any) -> Iterator[str]:

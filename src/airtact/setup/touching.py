@@ -91,8 +91,7 @@ def _object(table: ObjectTable, folder: Path) -> "at.VirtualObject":
         shape = built(at.capsule, table.capsule)
     elif table.surface is not None:
         shape = at.load_surface(folder / table.surface, table.scale)
-    pose = None if table.pose is None else pose_of(table.pose)
-    return object_of(table, table.name, pose, shape)
+    return object_of(table, table.name, None if table.pose is None else pose_of(table.pose), shape)
 
 
 def object_of(
@@ -103,7 +102,11 @@ def object_of(
     if solid is None:
         key = next(key for key in SOLIDS if getattr(keys, key) is not None)
         solid = built(getattr(at.touch, SOLIDS[key]), getattr(keys, key))
-    texture = None if keys.grating is None else built(at.touch.Grating, keys.grating)
     return at.VirtualObject(
-        solid, pose, name, style=keys.style, stiffness=keys.stiffness, texture=texture
+        solid,
+        pose,
+        name,
+        style=keys.style,
+        stiffness=keys.stiffness,
+        texture=None if keys.grating is None else built(at.touch.Grating, keys.grating),
     )
