@@ -40,15 +40,13 @@ class Drive:
     amplitudes: Amplitudes
 
     def __repr__(self) -> str:
-        return one_line(self, *(f"{name} {value}" for name, value in self._facts().items()))
-
-    def _facts(self) -> dict[str, str]:
-        return {
-            "elements": str(len(self)),
-            "largest amplitude": f"{self.peak:.3g}",
-            "mean": f"{np.abs(self.amplitudes).mean():.3g}",
-            "energy": f"{self.energy:.4g}",
-        }
+        return one_line(
+            self,
+            f"elements {len(self)}",
+            f"largest amplitude {self.peak:.3g}",
+            f"mean {self.magnitudes.mean():.3g}",
+            f"energy {self.energy:.4g}",
+        )
 
     def __post_init__(self) -> None:
         amplitudes = complex_numbers(self.amplitudes, "the drive's amplitudes")

@@ -209,8 +209,7 @@ def write_drive_file(path: Path, contents: DriveFile) -> None:
     The function raises ``InvalidInput`` if the ending of the file name is unknown, if data is
     missing, or if the file cannot be written.
     """
-    ending = checked_ending(path, (".h5", ".csv"), "drive")
-    if ending == ".csv":
+    if checked_ending(path, (".h5", ".csv"), "drive") == ".csv":
         with whole_file(path) as partial:
             _write_table(partial, contents)
         return
@@ -378,8 +377,7 @@ def _parsed(raw: Mapping[str, Any]) -> DriveFile:
         levels = Levels(raw["shares_of_levels"], raw["levels_of_a_turn"])
     poses = None
     if "board_positions" in raw:
-        pairs = zip(raw["board_rotations"], raw["board_positions"], strict=True)
-        poses = tuple(Pose(rotation, translation) for rotation, translation in pairs)
+        poses = tuple(map(Pose, raw["board_rotations"], raw["board_positions"]))
     modulation = None
     if (kind := raw.get("modulation", "none")) == "am":
         modulation = AmplitudeModulation(raw["modulation_frequency"], raw["modulation_depth"])

@@ -87,8 +87,13 @@ def gs_pat(transfer: TransferMatrix, target: Target, *, iterations: int = 50) ->
     """
     matrix, requests = asked_rows(transfer, target)
     check_iterations(iterations)
-    start = requests[None].astype(np.complex128)
-    sources = best_sources(matrix, requests, start, iterations=10, foci_iterations=iterations)
+    sources = best_sources(
+        matrix,
+        requests,
+        requests[None].astype(np.complex128),
+        iterations=10,
+        foci_iterations=iterations,
+    )
     return scaled_to_target(transfer, target, phase(matrix.conj().T @ sources))
 
 

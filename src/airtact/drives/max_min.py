@@ -287,9 +287,12 @@ def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) 
     lowest = smallest_pressure(rows, phase(sent))
     missing = 1.0 - lowest * np.abs(sources).sum() / np.abs(sent).sum()
     if missing > 0.03:
-        after = counted(iterations, "iteration", "iterations")
         warn_stalled(
-            "max_min", rows, lowest, f"after {after}, {missing:.1%} below the limit for its phases"
+            "max_min",
+            rows,
+            lowest,
+            f"after {counted(iterations, 'iteration', 'iterations')}, {missing:.1%} below the "
+            "limit for its phases",
         )
     return scaled_to_target(transfer, target, phase(matrix.conj().T @ (sources / requests)))
 
@@ -405,8 +408,12 @@ def gradient(
         if smallest_pressure(matrix, drive) < smallest_pressure(matrix, start):
             drive = start
     if not converged:
-        steps = f"after {counted(iterations, 'step', 'steps')}, still improving"
-        warn_stalled("gradient", matrix, smallest_pressure(matrix, drive), steps)
+        warn_stalled(
+            "gradient",
+            matrix,
+            smallest_pressure(matrix, drive),
+            f"after {counted(iterations, 'step', 'steps')}, still improving",
+        )
     return scaled_to_target(transfer, target, drive)
 
 
@@ -438,10 +445,13 @@ def _descend(
         value = -smallest
         gradient = -slope
         if len(suppressed):
-            level, level_gradient = _suppressed_level(suppressed, amplitudes)
+            # The level is log √(1 + mean squared pressure). The 1 under the root removes any
+            # reward for suppression beyond 60 dB.
+            pressure = suppressed @ amplitudes
+            energy = float(np.vdot(pressure, pressure).real) + len(suppressed)
             missing = max(lowest - smallest, 0.0)
-            value = level + penalty * missing**2
-            gradient = level_gradient - 2.0 * penalty * missing * slope
+            value = 0.5 * np.log(energy / len(suppressed)) + penalty * missing**2
+            gradient = suppressed.conj().T @ pressure / energy - 2.0 * penalty * missing * slope
         # The chain rule for d = r e^{iφ}: ∂d/∂φ = i d, ∂d/∂r = e^{iφ}.
         by_phase = np.real(np.conj(gradient) * 1j * amplitudes)
         return value, np.concatenate([by_phase, np.real(np.conj(gradient) * turns)])
@@ -467,13 +477,3 @@ def _soft_smallest(matrix: FociRows, amplitudes: Amplitudes) -> tuple[float, Amp
     # ∂ log|p| / ∂ conj(p) has the direction p / |p|².
     shares = weights / weights.sum()
     return float(smallest), matrix.conj().T @ (shares * pressure / np.exp(2.0 * logs))
-
-
-def _suppressed_level(
-    suppressed: Complex128[np.ndarray, "suppressed elements"], amplitudes: Amplitudes
-) -> tuple[float, Amplitudes]:
-    """Return log √(1 + mean squared pressure) at the suppression points, and its gradient."""
-    pressure = suppressed @ amplitudes
-    # The 1 under the root removes any reward for suppression beyond 60 dB.
-    energy = float(np.vdot(pressure, pressure).real) + len(suppressed)
-    return 0.5 * np.log(energy / len(suppressed)), suppressed.conj().T @ pressure / energy

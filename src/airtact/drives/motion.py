@@ -269,9 +269,8 @@ def moving_foci(
         )
     # Boards need a few frames; each position is repeated until there are enough.
     repeat = -(-MIN_FRAMES * foci // points)
-    indices = np.repeat(np.arange(points).reshape(-1, foci), repeat, axis=0)
+    frames = points // foci * repeat
     turns = positive(turns, "the frequency of the modulation", "Hz")
-    frames = len(indices)
     if turns * frames > clock:
         raise InvalidInput(
             f"a path of {frames} frames at {turns:g} Hz needs more frames per second than the "
@@ -280,41 +279,21 @@ def moving_foci(
             code="out_of_range",
         )
     # Boards play a frame for a whole number of periods, so the rate is rounded accordingly.
-    periods = round(clock / (turns * frames))
-    return _sequence_through(transfer, target, indices, clock / periods, method)
-
-
-def _sequence_through(
-    transfer: TransferMatrix,
-    target: Target,
-    foci: Int64[np.ndarray, "frames foci"],
-    rate: float,
-    method: MakeDrive,
-) -> Sequence:
-    """Compute the sequence that focuses on some points of a target in each frame.
-
-    ``foci`` (N, F) are the indices of the points of each frame. The global phase of each frame
-    is chosen so that the frame differs least from the previous one.
-    """
+    rate = clock / round(clock / (turns * frames))
     check_foci(transfer, target)
-    # Paths repeat positions, so each set of foci is solved once.
-    made: dict[tuple[int, ...], Amplitudes] = {}
-    frames = []
+    drives = []
     before = None
-    for indices in foci:
-        key = tuple(indices.tolist())
-        if key not in made:
-            amplitudes = _frame_amplitudes(transfer, target, indices, method)
-            # The first frame keeps its phase; each later one follows the previous frame's phase.
-            if before is not None:
-                turn = np.vdot(amplitudes, before)
-                amplitudes = amplitudes * (turn / abs(turn) if abs(turn) > 0.0 else 1.0)
-            # A silent frame has no phase to match.
-            if amplitudes.any():
-                before = amplitudes
-            made[key] = amplitudes
-        frames.append(made[key])
-    return Sequence(np.stack(frames), rate)
+    for indices in np.arange(points).reshape(-1, foci):
+        amplitudes = _frame_amplitudes(transfer, target, indices, method)
+        # The first frame keeps its phase. Each later one differs least from the previous frame.
+        if before is not None:
+            turn = np.vdot(amplitudes, before)
+            amplitudes = amplitudes * (turn / abs(turn) if abs(turn) > 0.0 else 1.0)
+        # A silent frame has no phase to match.
+        if amplitudes.any():
+            before = amplitudes
+        drives.append(amplitudes)
+    return Sequence(np.repeat(drives, repeat, axis=0), rate)
 
 
 def _frame_amplitudes(

@@ -68,8 +68,10 @@ class Sequence:
                 code="over_full_scale",
             )
         drives.flags.writeable = False
-        object.__setattr__(self, "drives", drives)
-        object.__setattr__(self, "rate", positive(self.rate, "the rate of a sequence", "frames/s"))
+        # ``vars`` bypasses the frozen dataclass.
+        vars(self).update(
+            drives=drives, rate=positive(self.rate, "the rate of a sequence", "frames/s")
+        )
 
     def __len__(self) -> int:
         return len(self.drives)

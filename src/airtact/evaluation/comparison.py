@@ -86,9 +86,13 @@ class Comparison:
     def steepening(self, name: str) -> Steepening:
         """Nonlinear steepening at the foci for a drive whose strongest element is at full scale."""
         column = self.column(name)
-        field = self.field
-        pressures = self.at_foci[:, column]
-        return steepening(field.scene, field.sources, self.target.points, pressures, column)
+        return steepening(
+            self.field.scene,
+            self.field.sources,
+            self.target.points,
+            self.at_foci[:, column],
+            column,
+        )
 
     def column(self, name: str, phase_only: bool = False) -> int:
         """Return the index in ``field`` of a drive's excitation or of its phase-only version.
@@ -147,10 +151,9 @@ class Comparison:
         """
         pressures = self.under(held_equal)
         if not pressures[0].all():
-            focus = int(np.argmin(pressures[0]))
             raise InvalidInput(
-                f"the reference {self.names[0]!r} produces 0 Pa at focus {focus}. List another "
-                "drive first.",
+                f"the reference {self.names[0]!r} produces 0 Pa at focus "
+                f"{int(np.argmin(pressures[0]))}. List another drive first.",
                 code="all_zero",
             )
         return pressures / pressures[0]
@@ -302,12 +305,18 @@ def compare(
     # scale. The field is linear in the drive, so equal energy needs no further solve.
     least_energetic = min(strongest, key=lambda drive: drive.energy)
     factors = np.array([drive.factor_to_match(least_energetic) for drive in strongest])
-    pressures = {
-        "equal peak": equal_peak,
-        "equal energy": equal_peak * factors[:, None],
-        "phase only": magnitudes[phase_columns],
-    }
-    return Comparison(tuple(drives), target, pressures, field, tuple(phase_columns), at_foci)
+    return Comparison(
+        tuple(drives),
+        target,
+        {
+            "equal peak": equal_peak,
+            "equal energy": equal_peak * factors[:, None],
+            "phase only": magnitudes[phase_columns],
+        },
+        field,
+        tuple(phase_columns),
+        at_foci,
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -259,9 +259,10 @@ def in_real_air(
             f"{computed} computed, but shocks caused by {cause} limit the pressure: "
             "the real pressure is lower by an unknown amount.",
         )
-    expected = pascals(kept * float(np.abs(pressures[focus])))
-    second = f"{steepening.second_harmonic[focus]:.0%}".replace("%", " %")
-    return (f"{computed} computed, {expected} expected with {cause} (second harmonic {second}).",)
+    return (
+        f"{computed} computed, {pascals(kept * float(np.abs(pressures[focus])))} expected with "
+        f"{cause} (second harmonic {100 * steepening.second_harmonic[focus]:.0f} %).",
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -433,9 +434,13 @@ def evaluate(
     field = radiate_drives(scene, array, [drive], solver, foci=target.points, progress=progress)
     # Contiguous, because the array is shared and stored.
     pressures = np.ascontiguousarray(field.at(target.points)[:, 0])
-    report = field.report_at(target.points)
-    steepened = steepening(scene, field.sources, target.points, pressures)
-    return Evaluation(target, pressures, report, field, steepened)
+    return Evaluation(
+        target,
+        pressures,
+        field.report_at(target.points),
+        field,
+        steepening(scene, field.sources, target.points, pressures),
+    )
 
 
 Modulation = Literal["amplitude", "spatiotemporal"]

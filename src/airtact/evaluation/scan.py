@@ -98,9 +98,8 @@ class Scan:
             raise InvalidInput(
                 "all pressures of the scan are 0. Use measured pressures.", code="all_zero"
             )
-        object.__setattr__(self, "repeated", int(np.sum(counts > 1)))
-        object.__setattr__(self, "points", points)
-        object.__setattr__(self, "pressures", pressures)
+        # ``vars`` bypasses the frozen dataclass.
+        vars(self).update(points=points, pressures=pressures, repeated=int(np.sum(counts > 1)))
 
     def comparable(
         self, predicted: Complex128[np.ndarray, "points"], used: Bool[np.ndarray, "points"]
@@ -189,8 +188,10 @@ class Overlay:
         """Sentences about positions that were measured twice or could not be predicted."""
         sentences = []
         if self.scan.repeated:
-            many = counted(self.scan.repeated, "position was", "positions were")
-            sentences.append(f"{many} measured more than once; the readings are averaged.")
+            sentences.append(
+                f"{counted(self.scan.repeated, 'position was', 'positions were')} measured more "
+                "than once; the readings are averaged."
+            )
         left_out = int(np.sum(~self.used))
         if left_out:
             sentences.append(

@@ -203,8 +203,13 @@ class _Readings:
                 ]
             )
 
-        scales = np.array([*(0.1 * EXPECTED_MISALIGNMENT), 0.1, 0.1])
-        found = least_squares(residual, before.unknowns, x_scale=scales, ftol=1e-6, max_nfev=50)
+        found = least_squares(
+            residual,
+            before.unknowns,
+            x_scale=np.array([*(0.1 * EXPECTED_MISALIGNMENT), 0.1, 0.1]),
+            ftol=1e-6,
+            max_nfev=50,
+        )
         deviations = spread * found.fun[rows : rows + parts]
         # The best ε follow the unknowns, and are uncertain even for known unknowns.
         follows = np.vstack([np.eye(8), spread[:, None] * found.jac[rows : rows + parts]])
@@ -315,8 +320,10 @@ def calibrate_from_scans(
     factors = np.ones(count, dtype=np.complex128)
     factors[driven] += fit.deviations[:number] + 1j * fit.deviations[number:]
     predicted = rms * (readings.parts(fit.unknowns) @ factors[driven])
-    pairs = zip(scans, np.split(predicted, np.cumsum(sizes)[:-1]), strict=True)
-    errors = tuple(overlay_scan(scan, model).error for scan, model in pairs)
+    errors = tuple(
+        overlay_scan(scan, model).error
+        for scan, model in zip(scans, np.split(predicted, np.cumsum(sizes)[:-1]), strict=True)
+    )
     if max(errors) > 0.5:
         raise NotConverged(
             "no sensitivity and misalignment explain the scans: the best fit leaves "

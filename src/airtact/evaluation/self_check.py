@@ -83,8 +83,8 @@ def self_check(report_step: Progress = no_progress) -> SelfCheck:
     ]
 
     report_step("solving two spheres")
-    beside = Pose(np.eye(3), np.array([16e-3, 0.0, 0.0]))
-    scene = Scene(air, [first, sound_hard(sphere(5e-3, 2.5e-3).moved(beside))], frequency=40e3)
+    second = sound_hard(sphere(5e-3, 2.5e-3).moved(Pose.shift(np.array([16e-3, 0.0, 0.0]))))
+    scene = Scene(air, [first, second], frequency=40e3)
     # The reference was solved by ``references/fundamental_solutions.py``, which shares no code with
     # the solver. Its points are across the middle of the gap and 100 mm away. By reciprocity,
     # either set can serve as the sources.

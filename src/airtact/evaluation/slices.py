@@ -97,9 +97,10 @@ def slices_around(
     if len(columns) <= 3:  # limits the size of the page
         planes, rows, across = fine
         fine = (2 * planes - 1 if any_axis else planes, 2 * rows - 1, 2 * across - 1)
-    excitations = np.moveaxis(pressure, -1, 0)
     # Interpolate complex values, since magnitudes have kinks at their zeros.
-    pressures = np.stack([np.abs(_finer(part, fine)) for part in excitations], axis=-1)
+    pressures = np.stack(
+        [np.abs(_finer(part, fine)) for part in np.moveaxis(pressure, -1, 0)], axis=-1
+    )
     steps = (highest - lowest) / (np.array(pressures.shape[2::-1]) - 1)
     depth = np.real(_finer(np.clip(depth, -wavelength, wavelength), fine))
     return Slices(lowest @ axes, axes, steps, pressures, depth, any_axis, pressure)
@@ -222,8 +223,9 @@ def window_pressure(
     points = coarse.points
     pressure = _pressure(field, points, field.scene.depth(points))
     pressure = _carried_inside(pressure.reshape(1, *coarse.shape, -1))
-    columns = [_finer(part, (1, *window.shape)) for part in np.moveaxis(pressure, -1, 0)]
-    pressure = np.stack(columns, axis=-1).reshape(len(window.points), -1)
+    pressure = np.stack(
+        [_finer(part, (1, *window.shape)) for part in np.moveaxis(pressure, -1, 0)], axis=-1
+    ).reshape(len(window.points), -1)
     pressure[depth > 0.0] = np.nan
     return pressure
 

@@ -267,34 +267,34 @@ class Verification:
         return float(10.0 * np.log10(np.mean(np.abs(self.suppression_points) ** 2) / foci))
 
     def __str__(self) -> str:
-        phases = self.levels.phases
-        amplitudes = len(self.levels.amplitudes)
         lines = [
             str(self.evaluation),
             f"{span(100 * self.attained, '%', '.0f')} of the pressure that the array could "
             "produce at each focus alone",
-            f"rounding to {amplitudes} amplitude levels and {phases} phase levels changes the "
-            f"pressure at a focus by at most {self.quantisation_loss:.2%}",
+            f"rounding to {len(self.levels.amplitudes)} amplitude levels and {self.levels.phases} "
+            "phase levels changes the pressure at a focus by at most "
+            f"{self.quantisation_loss:.2%}",
             f"strongest side lobe {self.side_lobe.pressure:.1f} Pa at "
             f"{in_mm(self.side_lobe.point)}: the weakest focus is {self.contrast:+z.1f} dB "
             "above it",
         ]
         if len(self.suppression_points):
-            count = len(self.suppression_points)
-            level = f"{self.suppression_level:+z.1f} dB"
-            lines.append(f"mean p² at {count} suppression points relative to the foci: {level}")
+            lines.append(
+                f"mean p² at {len(self.suppression_points)} suppression points relative to the "
+                f"foci: {self.suppression_level:+z.1f} dB"
+            )
         forces = self.forces[np.isfinite(self.forces)]
         if len(forces):
-            foci = counted(len(self.forces), "focus", "foci")
-            newtons = span(1e3 * forces, "mN", ".3g")
-            lines.append(f"force of the sound on the skin {newtons} at {len(forces)} of {foci}")
+            lines.append(
+                f"force of the sound on the skin {span(1e3 * forces, 'mN', '.3g')} at "
+                f"{len(forces)} of {counted(len(self.forces), 'focus', 'foci')}"
+            )
         # Where the estimate for real air is invalid, the pressure is far above the threshold.
-        felt = np.fmin(self.evaluation.magnitudes, self.evaluation.expected)
-        asked = self.evaluation.target.weights > 0.0
-        lines.append(sensation(float(felt[asked].min()), "amplitude"))
+        evaluation = self.evaluation
+        felt = np.fmin(evaluation.magnitudes, evaluation.expected)
+        lines.append(sensation(float(felt[evaluation.target.weights > 0.0].min()), "amplitude"))
         if len(self.head):
             level = f"{self.head.max():.1f} dB SPL"
-            evaluation = self.evaluation
             if in_real_air(evaluation.pressures, evaluation.target, evaluation.steepening):
                 level += " without nonlinear steepening, which changes it by up to 2 dB"
             lines.append(f"level at the head: at most {level}. {NO_SAFETY_ASSESSMENT}")

@@ -529,6 +529,7 @@ def known_array(name: str, element: Element | None = None) -> PhasedArray:
     PhasedArray(72 elements, pistons of 4.5 mm, 60 x 118.2 x 60 mm)
     """
     check_choice(name, "the array", KNOWN_ARRAYS)
-    file = Path(__file__).with_name("layouts") / f"{name}.csv"
-    table = np.loadtxt(file, delimiter=",", skiprows=1)
+    table = np.loadtxt(
+        Path(__file__).with_name("layouts") / f"{name}.csv", delimiter=",", skiprows=1
+    )
     return PhasedArray(table[:, :3], table[:, 3:], element)

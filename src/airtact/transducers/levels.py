@@ -53,8 +53,8 @@ class Levels:
                 f"they start at {amplitudes[0]:g} and end at {amplitudes[-1]:g}.",
                 code="out_of_range",
             )
-        object.__setattr__(self, "phases", _check_count(self.phases, "phase"))
-        object.__setattr__(self, "amplitudes", amplitudes)
+        # ``vars`` bypasses the frozen dataclass.
+        vars(self).update(amplitudes=amplitudes, phases=_check_count(self.phases, "phase"))
 
     @classmethod
     def even(cls, amplitudes: int = 256, phases: int = 256) -> "Levels":
@@ -155,14 +155,24 @@ class AmplitudeModulation:
     depth: float = 1.0
 
     def __post_init__(self) -> None:
-        hint = "the skin only feels vibration up to about 1000 Hz."
-        frequency = within(
-            self.frequency, 0.0, 1000.0, "the frequency of the modulation", "Hz", hint
+        vars(self).update(
+            frequency=within(
+                self.frequency,
+                0.0,
+                1000.0,
+                "the frequency of the modulation",
+                "Hz",
+                "the skin only feels vibration up to about 1000 Hz.",
+            ),
+            depth=within(
+                self.depth,
+                0.0,
+                1.0,
+                "the depth of the modulation",
+                "of the force",
+                "for 5 per cent, use depth=0.05.",
+            ),
         )
-        hint = "for 5 per cent, use depth=0.05."
-        depth = within(self.depth, 0.0, 1.0, "the depth of the modulation", "of the force", hint)
-        object.__setattr__(self, "frequency", frequency)
-        object.__setattr__(self, "depth", depth)
 
     def envelope(self, frames: int) -> Float64[np.ndarray, "frames"]:
         """Return the amplitude factors (N,) for N frames in one period, beginning with 1.

@@ -106,8 +106,9 @@ def overlapping_boards(
     middle = 0.5 * (board.positions.min(axis=0) + board.positions.max(axis=0))
     half = 0.5 * np.array(kind[0].outline) - 6e-3
     # Take points 5 mm apart on the face of a board, and find those within another board.
-    axes = [np.linspace(-length, length, int(2 * length / 5e-3) + 2) for length in half]
-    x, y = np.meshgrid(*axes)
+    x, y = np.meshgrid(
+        *(np.linspace(-length, length, int(2 * length / 5e-3) + 2) for length in half)
+    )
     face = middle + np.stack([x.ravel(), y.ravel(), 0.0 * x.ravel()], axis=1)
     for first, pose in enumerate(poses):
         points = pose.apply(face)
