@@ -193,8 +193,7 @@ def hand_hulls(joints: Joints, radii: Radii) -> tuple[Hulls, tuple[Touch, ...]]:
         width = scale * (5e-3 + min(max(-gap, 0.0), 3e-3))
         blend[i, j] = blend[j, i] = max(width, blend[i, j])
         apart[i, j] = apart[j, i] = False
-    hulls = Hulls(fixed(balls), PARTS, fixed(blend), fixed(apart.astype(np.float64)))
-    return hulls, tuple(touches)
+    return Hulls(fixed(balls), PARTS, fixed(blend), fixed(apart.astype(np.float64))), tuple(touches)
 
 
 def part_name(part: int) -> str:

@@ -115,9 +115,13 @@ class Hand:
         """
         hulls = self.shape.hulls
         skin = graded(hulls, even_skin(hulls, 7e-3), 7e-3, 2.5e-3, self.pads)
-        notes = tuple(touch.note for touch in self.touches)
-        middles = midpoints(hulls, skin)
-        return Surface(skin.vertices, skin.triangles, middles, self.shape, repairs=notes)
+        return Surface(
+            skin.vertices,
+            skin.triangles,
+            midpoints(hulls, skin),
+            self.shape,
+            repairs=tuple(touch.note for touch in self.touches),
+        )
 
     @cached_property
     def pads(self) -> Float64[np.ndarray, "5 3"]:
@@ -487,7 +491,10 @@ def pinch(gap: float = 0.012, edge: float = 2.5e-3) -> Pinch:
     )
     thumb = capsule(roots[0], tips[0], RADIUS, edge)
     finger = capsule(roots[1], tips[1], RADIUS, edge)
-    # Adding zero turns -0.0 into 0.0.
-    normals = np.outer(-side, [1.0, 0.0, 0.0]) + 0.0
-    pads = np.outer(side, [gap / 2.0, 0.0, 0.0]) + 0.0
-    return Pinch((thumb, finger), fixed(pads), fixed(normals), gap)
+    return Pinch(
+        (thumb, finger),
+        # Adding zero turns -0.0 into 0.0.
+        pads=fixed(np.outer(side, [gap / 2.0, 0.0, 0.0]) + 0.0),
+        normals=fixed(np.outer(-side, [1.0, 0.0, 0.0]) + 0.0),
+        gap=gap,
+    )

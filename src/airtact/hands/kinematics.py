@@ -103,10 +103,8 @@ def opened(joints: Joints, radii: Radii, side: str, pair: tuple[int, int], gap: 
         return gap_of(both_turned(angle), radii, pair) - gap
 
     # A change of sign is sought first by straightening both fingers, then by bending them.
-    straightening = np.radians(np.arange(0.0, 61.0, 3.0))
-    bending = -np.radians(np.arange(0.0, 46.0, 3.0))
     excesses = []
-    for angles in (straightening, bending):
+    for angles in (np.radians(np.arange(0.0, 61.0, 3.0)), -np.radians(np.arange(0.0, 46.0, 3.0))):
         values = [excess(float(angle)) for angle in angles]
         for index in range(len(angles) - 1):
             if min(values[index : index + 2]) <= 0.0 <= max(values[index : index + 2]):

@@ -136,16 +136,16 @@ class HandShape(Shape):
 
     def coarse_meshes(self, edge: float) -> list[RidgedMesh]:
         skin = self.skin(edge / 3.0)
-        no_ridges = np.empty((0, 2), dtype=np.int64)
-        return [RidgedMesh(self.pose.apply(skin.vertices), skin.triangles, no_ridges)]
+        # A hand has no ridges.
+        ridges = np.empty((0, 2), dtype=np.int64)
+        return [RidgedMesh(self.pose.apply(skin.vertices), skin.triangles, ridges)]
 
     def skin(self, edge: float) -> HandMesh:
         """Return a mesh of edge length ``edge`` [m], deformed from a keyframe if possible."""
         if edge not in self.meshes:
             mesh = None
             if self.follows is not None:
-                before = self.follows
-                mesh = deformed(before.hulls, before.skin(edge), self.hulls, edge)
+                mesh = deformed(self.follows.hulls, self.follows.skin(edge), self.hulls, edge)
             self.meshes[edge] = (even_skin(self.hulls, edge) if mesh is None else mesh).fixed()
         return self.meshes[edge]
 
@@ -172,8 +172,8 @@ def deformed(before: Hulls, mesh: HandMesh, now: Hulls, edge: float) -> HandMesh
     None if a triangle becomes too thin or too long.
     """
     weights = hull_weights(before, mesh.vertices)
-    vertices = moved_with_hulls(before, now, mesh.vertices, weights)
-    new = settled(now, replace(mesh, vertices=vertices), edge)
+    moved = replace(mesh, vertices=moved_with_hulls(before, now, mesh.vertices, weights))
+    new = settled(now, moved, edge)
     ends = np.roll(new.triangles, -1, axis=1)
     lengths = np.linalg.norm(new.vertices[new.triangles] - new.vertices[ends], axis=2)
     sizes = mesh.sizes[new.triangles].max(axis=1, keepdims=True)

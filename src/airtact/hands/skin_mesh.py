@@ -158,11 +158,10 @@ def _fault(hulls: Hulls, mesh: HandMesh) -> float:
     """Return the largest relative excess over the limits for a good mesh; at most 0 if good."""
     ends = np.stack([mesh.triangles, np.roll(mesh.triangles, -1, axis=1)], axis=2).reshape(-1, 2)
     ends = ends[ends[:, 0] < ends[:, 1]]  # a closed mesh has each edge in both directions
-    bulge = float(_middles(hulls, mesh, ends)[1].max())
     off = float(np.abs(hulls.look(mesh.vertices).distance).max())
     return max(
         1.0 - float(mesh.angles.min()) / 20.0,  # smallest angle [degrees]
-        bulge / MAX_BULGE - 1.0,
+        float(_middles(hulls, mesh, ends)[1].max()) / MAX_BULGE - 1.0,
         off / 1e-6 - 1.0,  # largest distance of a vertex from the skin [m]
     )
 
@@ -277,11 +276,10 @@ def _projected(
     vertices = hulls.project(mesh.vertices)
     look = hulls.look(vertices, reach=edge)
     smallest = max(0.25 * edge, min(SMALLEST_EDGE, edge))
-    gap = np.maximum(look.facing, 0.0)
-    allowed = np.minimum(1.1 * look.bend, gap)
+    allowed = np.minimum(1.1 * look.bend, np.maximum(look.facing, 0.0))
     sizes = np.minimum(np.clip(allowed, smallest, edge), max_sizes)
-    rounds = 3  # passes over all edges
-    _kernels.grade_sizes(vertices, mesh.triangles, GRADING, rounds, sizes)
+    # Three passes over all edges
+    _kernels.grade_sizes(vertices, mesh.triangles, GRADING, 3, sizes)
     return HandMesh(vertices, mesh.triangles, sizes)
 
 

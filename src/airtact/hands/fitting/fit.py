@@ -204,13 +204,39 @@ def fit_hand(
     spread = np.full(25, LANDMARK_SPREAD)
     if len(landmarks) == 21:
         spread[[5, 10, 15, 20]] = 20e-3  # bases of the metacarpals, which trackers do not see
-    silhouette = None if eye is None else silhouette_of(cloud, eye)
-    seen = Observation(cell_means(cloud), joints, spread, side, prior, eye, silhouette)
+    seen = Observation(
+        cell_means(cloud),
+        joints,
+        spread,
+        side,
+        prior,
+        eye,
+        None if eye is None else silhouette_of(cloud, eye),
+    )
     start = _start_from(before, joints) if before is not None and before.hand.side == side else None
-    sizes = prior.mean if person is None else person.mean
+    person = person or prior
     with one_thread():  # the matrices are too small for several threads
-        solution = _solved(seen, start, sizes, progress or no_progress)
-        fitted = _fitted(seen, solution, before, person or prior)
+        end, covariance = _solved(seen, start, person.mean, progress or no_progress)
+        if not person.settled:
+            person = person.learned(end.unknowns[SIZES], covariance[SIZES, SIZES])
+        # No joint under skin is located to better than 1 mm in each coordinate.
+        variance = np.diag(covariance)[JOINTS].reshape(25, 3).sum(axis=1) + 3.0 * 1e-3**2
+        distances = fixed(end.residuals.distance)
+        outliers = end.weights == 0.0
+        fitted = FittedHand(
+            Hand(
+                fixed(joints_in(end.unknowns)),
+                fixed(np.exp(end.unknowns[RADII])),
+                side,
+                None if before is None else before.hand.shape.keyframe,
+            ),
+            person,
+            joint_errors=fixed(np.sqrt(variance)),
+            points=fixed(seen.points),
+            distances=distances,
+            outliers=outliers,
+            misfit=float(np.sqrt(np.mean(distances[~outliers] ** 2))),
+        )
         _check_explained(seen, fitted, cloud)
         return fitted
 
@@ -238,31 +264,6 @@ def _solved(
     report_step(f"fitting it to {cloud}")
     starts = (joints_in(first.unknowns), seen.landmarks)
     return best_hand(seen, starts, sizes, hold=prior.settled)
-
-
-def _fitted(
-    seen: Observation, solution: Solution, before: FittedHand | None, person: HandAnatomy
-) -> FittedHand:
-    end, covariance = solution
-    anatomy = person
-    if not person.settled:
-        anatomy = person.learned(end.unknowns[SIZES], covariance[SIZES, SIZES])
-    keyframe = None if before is None else before.hand.shape.keyframe
-    radii = fixed(np.exp(end.unknowns[RADII]))
-    hand = Hand(fixed(joints_in(end.unknowns)), radii, seen.side, keyframe)
-    # No joint under skin is located to better than 1 mm in each coordinate.
-    variance = np.diag(covariance)[JOINTS].reshape(25, 3).sum(axis=1) + 3.0 * 1e-3**2
-    distances = fixed(end.residuals.distance)
-    outliers = end.weights == 0.0
-    return FittedHand(
-        hand,
-        anatomy,
-        joint_errors=fixed(np.sqrt(variance)),
-        points=fixed(seen.points),
-        distances=distances,
-        outliers=outliers,
-        misfit=float(np.sqrt(np.mean(distances[~outliers] ** 2))),
-    )
 
 
 def _check_explained(seen: Observation, fitted: FittedHand, cloud: Points) -> None:
@@ -440,5 +441,4 @@ def _mean_offset(
     alike = np.maximum(np.einsum("pi,pi->p", normals[vertex], outward[point]), 0.0) ** 2
     weight = alike * np.exp(-0.5 * (pairs["v"] / width) ** 2)
     total = np.bincount(vertex, weight, len(vertices)) + 1.0
-    distance = look.distance[near][point]
-    return np.bincount(vertex, weight * distance, len(vertices)) / total
+    return np.bincount(vertex, weight * look.distance[near][point], len(vertices)) / total

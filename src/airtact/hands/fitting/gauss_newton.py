@@ -13,7 +13,7 @@ Sources
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -121,9 +121,15 @@ def skin_residuals(points: Points, hulls: Hulls, camera: Point | None = None) ->
 
     With a ``camera`` (3,) [m], only skin that faces the camera is considered.
     """
-    facing = -0.05  # smallest cosine to the line of sight at which skin faces the camera
     return SkinResiduals(
-        *_kernels.hull_gaps(points, hulls.balls, hulls.parts, hulls.blend, camera, facing)
+        *_kernels.hull_gaps(
+            points,
+            hulls.balls,
+            hulls.parts,
+            hulls.blend,
+            camera,
+            -0.05,  # smallest cosine to the line of sight at which skin faces the camera
+        )
     )
 
 
@@ -246,10 +252,7 @@ def best_hand(seen: Observation, starts: Sequence[Joints], sizes: Sizes, hold: b
     def search(unknowns: Unknowns) -> NormalEquations:
         return _descended(seen, unknowns, FIRST_SCALE, 40, hold)[0]
 
-    ends = [search(np.concatenate([joints.ravel(), sizes])) for joints in starts]
-    best = ends[0]
-    for end in ends[1:]:
-        best = _better(best, end)
+    best = reduce(_better, [search(np.concatenate([joints.ravel(), sizes])) for joints in starts])
     if len(starts) > 1:
         best = _better(best, search(best.unknowns))
     return best, _covariance(seen, best, hold)
@@ -359,5 +362,4 @@ def _points_as_one(points: Points, off: PerPoint, hull: Int64[np.ndarray, "point
     within = float(np.sum((off - mean[cell]) ** 2) / max(len(off) - len(count), 1))
     common = max(total - within, 0.0)
     usual_count = float((count**2).sum() / count.sum())
-    alike = 1.0 + (usual_count - 1.0) * common / max(total, 1e-18)
-    return min(alike, 80.0)
+    return min(1.0 + (usual_count - 1.0) * common / max(total, 1e-18), 80.0)

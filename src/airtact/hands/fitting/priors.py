@@ -26,7 +26,7 @@ from jaxtyping import Float64, Int64
 
 from airtact.errors import fixed, in_short
 from airtact.hands.body import WEB_BALL
-from airtact.hands.joints import BONES, CHAINS, GENERIC_RADII, Joints, unit
+from airtact.hands.joints import BONES, CHAINS, GENERIC_RADII, Joints, crossed, unit
 from airtact.hands.kinematics import LAST_BEND_SHARE, bending_axis
 
 Unknowns = Float64[np.ndarray, "137"]
@@ -34,7 +34,6 @@ UnknownsMatrix = Float64[np.ndarray, "137 137"]
 Sizes = Float64[np.ndarray, "62"]
 SizesMatrix = Float64[np.ndarray, "62 62"]
 Axes = Float64[np.ndarray, "5 3"]
-Rows = Float64[np.ndarray, "rows 3"]
 
 # --- the unknowns -----------------------------------------------------------------------------
 
@@ -130,9 +129,11 @@ class HandAnatomy:
         the same error in every frame.
         """
         share = 1.0 / (self.frames + 1)
-        mean = (1.0 - share) * self.mean + share * sizes
-        mixed = (1.0 - share) * self.covariance + share * covariance
-        return HandAnatomy(fixed(mean), fixed(mixed), self.frames + 1)
+        return HandAnatomy(
+            fixed((1.0 - share) * self.mean + share * sizes),
+            fixed((1.0 - share) * self.covariance + share * covariance),
+            self.frames + 1,
+        )
 
 
 # Lengths of ``SPANS`` of the generic hand [m].
@@ -205,13 +206,6 @@ _BENDS = np.array(
 # joint of each finger. A negative sine is a backward bend.
 _MIN_SINES = np.array([-0.5, -0.3, *(4 * [-0.5, -0.15, -0.25])])
 _MIN_COSINES = np.array([0.2, 0.0, *(4 * [-0.35, -0.35, 0.0])])
-
-
-def crossed(a: Rows, b: Rows) -> Rows:
-    """Return cross products of small arrays (R, 3), several times faster than ``np.cross``."""
-    ahead = [1, 2, 0]
-    back = [2, 0, 1]
-    return a[:, ahead] * b[:, back] - a[:, back] * b[:, ahead]
 
 
 def length_rules(joints: Joints, sizes: Sizes) -> Rules:

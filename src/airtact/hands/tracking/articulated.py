@@ -26,7 +26,7 @@ from jaxtyping import Float64, Int64
 from scipy.linalg import solve_triangular
 from scipy.spatial.transform import Rotation
 
-from airtact.hands.joints import CHAINS, Joints
+from airtact.hands.joints import CHAINS, Joints, crossed
 
 # Joints of each finger from its root, and those of the palm, which include the roots.
 FINGER_JOINTS = np.array([chain[-4:] for chain in CHAINS])
@@ -147,8 +147,7 @@ class ArticulatedHand:
         twists = TURNS.start + 7 * np.arange(5) + 2
         free = np.setdiff1d(np.arange(6, COUNT), twists)
         inverse = noise * np.linalg.inv(self._slopes().reshape(75, COUNT)[:, free])
-        accelerations = agility * ACCELERATIONS[MOVING]
-        deviations = np.concatenate([np.zeros(COUNT), FIRST_RATES, accelerations])
+        deviations = np.concatenate([np.zeros(COUNT), FIRST_RATES, agility * ACCELERATIONS[MOVING]])
         self.covariance = np.diag(deviations**2)
         self.covariance[np.ix_(free, free)] = inverse @ inverse.T
 
@@ -159,7 +158,7 @@ class ArticulatedHand:
         change[MOVING] = step * self.rates + _shares(step)[0] * self.accelerations
         # Middle and last joints bend by -20 to 120 degrees, or as far as they already do.
         along, _, hinges, _ = self._bones()
-        sines = np.sum(_cross(along[:, :-1], along[:, 1:]) * hinges[:, 1:], axis=2)
+        sines = np.sum(crossed(along[:, :-1], along[:, 1:]) * hinges[:, 1:], axis=2)
         bends = np.arctan2(sines, np.sum(along[:, :-1] * along[:, 1:], axis=2))
         low = np.minimum(bends, np.radians(-20.0))
         high = np.maximum(bends, np.radians(120.0))
@@ -263,16 +262,16 @@ class ArticulatedHand:
         lengths = np.sqrt(np.sum(bones**2, axis=2))
         along = bones / lengths[..., None]
         palm = self._across_sign * _unit(joints[6] - joints[21])
-        bends = _cross(along[:, :-1], along[:, 1:]).sum(axis=1)
+        bends = crossed(along[:, :-1], along[:, 1:]).sum(axis=1)
         hinges = 0.3 * palm + np.where((bends @ palm > 0.0)[:, None], bends, 0.0)
-        back = _unit(_cross(joints[11] - joints[0], palm))
+        back = _unit(crossed(joints[11] - joints[0], palm))
         towards = _unit(0.5 * (joints[6] + joints[7]) - joints[4]) - 0.5 * back
-        hinges[0] = _cross(along[0, -1], towards)
+        hinges[0] = crossed(along[0, -1], towards)
         hinges += 1e-9  # where hinge and bone are parallel, any axis is suitable
         hinges = hinges[:, None] - np.sum(hinges[:, None] * along, axis=2, keepdims=True) * along
         hinges = _unit(hinges)
-        sideways = _cross(along, hinges)
-        axes = np.stack([hinges, sideways, along], axis=2).reshape(5, 9, 3)[:, USED_AXES]
+        axes = np.stack([hinges, crossed(along, hinges), along], axis=2)
+        axes = axes.reshape(5, 9, 3)[:, USED_AXES]
         self._known = (joints, (along, lengths, hinges, axes))
         return self._known[1]
 
@@ -285,7 +284,7 @@ class ArticulatedHand:
         slopes = np.empty((25, 3, COUNT))
         slopes[:, :, :3] = np.eye(3)
         arms = joints[:, None] - origins
-        slopes[:, :, 3 : TURNS.stop] = np.swapaxes(_cross(axes[None], arms), 1, 2)
+        slopes[:, :, 3 : TURNS.stop] = np.swapaxes(crossed(axes[None], arms), 1, 2)
         slopes[:, :, LENGTHS] = along.reshape(-1, 3).T
         slopes[:, :, PALM_JOINTS] = np.tile(np.eye(3), 10)
         return slopes * MOVED
@@ -317,15 +316,6 @@ def _shares(step: float) -> tuple[float, float, float]:
     remaining = float(np.exp(-step / MEMORY))
     of_rate = MEMORY * (1.0 - remaining)
     return MEMORY * (step - of_rate), of_rate, remaining
-
-
-def _cross(
-    first: Float64[np.ndarray, "... 3"], second: Float64[np.ndarray, "... 3"]
-) -> Float64[np.ndarray, "... 3"]:
-    """Return cross products, three times faster than ``numpy.cross``."""
-    after = [1, 2, 0]
-    before = [2, 0, 1]
-    return first[..., after] * second[..., before] - first[..., before] * second[..., after]
 
 
 def _unit(vectors: Float64[np.ndarray, "*any 3"]) -> Float64[np.ndarray, "*any 3"]:

@@ -116,8 +116,10 @@ def frames_of_actions(recording: dict[str, Any]) -> Iterator[Item]:
                 order = [sequence.index(name) for name in NAMES]
                 relative = np.array(values, dtype=np.float64).reshape(-1, 8)[order, :3]
                 points = Rotation.from_quat(entry[4:8]).apply(relative) + entry[1:4]
-            frame_of = partial(HandFrame, 1e-3 * frame[0], schema["handedness"], number, points)
-            yield f"frame {number}", frame_of
+            yield (
+                f"frame {number}",
+                partial(HandFrame, 1e-3 * frame[0], schema["handedness"], number, points),
+            )
 
 
 def frames_of_streamer(lines: Iterable[str]) -> Iterator[Item]:
@@ -141,8 +143,10 @@ def frames_of_streamer(lines: Iterable[str]) -> Iterator[Item]:
             wrists[side] = values
             continue
         counts[side] += 1
-        frame_of = partial(_streamed, side, counts[side] - 1, wrists.get(side, []), values)
-        yield f"line {number}", frame_of
+        yield (
+            f"line {number}",
+            partial(_streamed, side, counts[side] - 1, wrists.get(side, []), values),
+        )
 
 
 def _streamed(side: Any, index: int, wrist: list[float], values: list[float]) -> HandFrame:
@@ -151,7 +155,6 @@ def _streamed(side: Any, index: int, wrist: list[float], values: list[float]) ->
             "unreadable",
             "the wrist or the landmarks are missing or incomplete. Remove this line.",
         )
-    turn = Rotation.from_quat(wrist[3:])
-    points = turn.apply(np.reshape(values, (-1, 3))) + wrist[:3]
+    points = Rotation.from_quat(wrist[3:]).apply(np.reshape(values, (-1, 3))) + wrist[:3]
     # Unity's z axis points the opposite way to that of right-handed axes.
     return HandFrame(index / 70.0, side, index, points * [1.0, 1.0, -1.0])

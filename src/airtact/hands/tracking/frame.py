@@ -108,8 +108,8 @@ class HandFrame:
                 "invalid. Use a time below 1e19, the side 'left' or 'right', and a whole sequence "
                 "number from 0 to 2^53.",
             )
-        object.__setattr__(self, "time", float(self.time))
-        object.__setattr__(self, "sequence", int(self.sequence))
+        # ``vars`` bypasses the frozen dataclass.
+        vars(self).update(time=float(self.time), sequence=int(self.sequence))
         if self.landmarks is not None:
             with _as_faulty_frame(_LANDMARK_FAULTS):
                 joints_of(self.landmarks, word="landmark")
@@ -138,9 +138,11 @@ class HandFrame:
         ----------
         pose : pose of the tracker in the new frame of reference.
         """
-        landmarks = None if self.landmarks is None else pose.apply(self.landmarks)
-        cloud = None if self.cloud is None else pose.apply(self.cloud)
-        return replace(self, landmarks=landmarks, cloud=cloud)
+        return replace(
+            self,
+            landmarks=None if self.landmarks is None else pose.apply(self.landmarks),
+            cloud=None if self.cloud is None else pose.apply(self.cloud),
+        )
 
     def hand(self, radii: Real[np.ndarray, "joints"] | None = None) -> Hand:
         """Build the hand from the landmarks.

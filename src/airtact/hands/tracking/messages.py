@@ -90,8 +90,9 @@ def from_json(text: bytes | str) -> HandFrame:
     def array(points: Sequence[Coordinates]) -> np.ndarray | None:
         return np.array(points, dtype=np.float64) if points else None
 
-    cloud = array(message.cloud or [])
-    return HandFrame(message.time, side, message.sequence, array(landmarks), cloud)
+    return HandFrame(
+        message.time, side, message.sequence, array(landmarks), array(message.cloud or [])
+    )
 
 
 def _message(raw: bytes) -> Message:

@@ -121,8 +121,10 @@ def _of_other_program(path: Path) -> tuple[list[Item], str]:
     text = text_of(path)
     try:
         if path.suffix == ".txt":
-            note = "no times: 70 frames per second are assumed"
-            return list(frames_of_streamer(text.splitlines())), note
+            return (
+                list(frames_of_streamer(text.splitlines())),
+                "no times: 70 frames per second are assumed",
+            )
         values = json_of(text)
         if "frames" in values:
             return list(frames_of_actions(values)), "rounded to 1 mm, which reduces the pressure"

@@ -2,7 +2,7 @@
 
 from collections import deque
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float64, Real
@@ -51,23 +51,10 @@ class Registration:
     residuals: Float64[np.ndarray, "touches"]
     position_error: float
     angle_error: float
-    repeat: int | None
+    repeat: int | None = None
     likely_scale: float | None = None
 
     __repr__ = in_short
-
-
-@dataclass(frozen=True, eq=False)
-class _Fit:
-    """A least-squares fit as in ``Registration``; ``deviations`` (T, 3) are those of all points."""
-
-    tracker: Pose
-    scale: float
-    offset: float
-    deviations: Points
-    rms: float
-    position_error: float
-    angle_error: float
 
 
 def register(
@@ -134,8 +121,7 @@ def register(
     if offset is not None:
         between(offset, 0.0, 0.05, "the offset of the fingertip's joint", "m")
     used = np.ones(len(points), dtype=bool)
-    fit = _fitted(touched, points, normals, used, offset, scale)
-    repeat = None
+    fit, rms = _fitted(touched, points, normals, used, offset, scale)
     if len(points) > 3 + (scale is None) + (offset is None):
         fits = {}
         for index in range(len(points)):
@@ -143,34 +129,24 @@ def register(
             others[index] = False
             with suppress(InvalidInput):  # without this touch, the others are not enough
                 fits[index] = _fitted(touched, points, normals, others, offset, scale)
-        best = min(fits, key=lambda index: fits[index].rms)
-        distance = float(np.linalg.norm(fits[best].deviations[best]))
+        best = min(fits, key=lambda index: fits[index][1])
+        without, rms_without = fits[best]
         # The error of a touch that agrees is below 3 times the root mean square of the others.
-        if distance > max(2e-3, 5.0 * fits[best].rms):
-            repeat = best
-            fit = fits[best]
+        if without.residuals[best] > max(2e-3, 5.0 * rms_without):
+            fit = replace(without, repeat=best)
+            rms = rms_without
             used[best] = False
-    likely_scale = None
     if scale is not None and used.sum() > 4:
-        scaled = _fitted(touched, points, normals, used, offset, None)
-        if scaled.rms < 0.4 * fit.rms and fit.rms > 0.5e-3:
-            likely_scale = scaled.scale
-    if fit.rms > 10e-3:
+        scaled, scaled_rms = _fitted(touched, points, normals, used, offset, None)
+        if scaled_rms < 0.4 * rms and rms > 0.5e-3:
+            fit = replace(fit, likely_scale=scaled.scale)
+    if rms > 10e-3:
         raise InvalidInput(
-            f"the touches contradict each other by {1e3 * fit.rms:.0f} mm: repeat all of them, in "
+            f"the touches contradict each other by {1e3 * rms:.0f} mm: repeat all of them, in "
             "the order of the points.",
             code="pose_not_found",
         )
-    return Registration(
-        fit.tracker,
-        fit.scale,
-        fit.offset,
-        fixed(np.linalg.norm(fit.deviations, axis=1)),
-        fit.position_error,
-        fit.angle_error,
-        repeat,
-        likely_scale,
-    )
+    return fit
 
 
 def _fitted(
@@ -180,7 +156,8 @@ def _fitted(
     used: np.ndarray,
     offset: float | None,
     scale: float | None,
-) -> _Fit:
+) -> tuple[Registration, float]:
+    """Fit the pose to the touches in the mask ``used``; also return their rms residual [m]."""
     middle = touched[used].mean(axis=0)
     goals = points + (0.0 if offset is None else offset) * normals
     spread = np.linalg.svd(goals[used] - goals[used].mean(axis=0), compute_uv=False)
@@ -222,15 +199,14 @@ def _fitted(
     variance = 2.0 * solved.cost / max(freedom, 1)
     covariance = variance * np.linalg.inv(jacobian.T @ jacobian)
     rotation, place, fitted_scale, fitted_offset = unpacked(solved.x)
-    return _Fit(
+    return Registration(
         Pose(rotation, place - fitted_scale * rotation @ middle),
         fitted_scale,
         fitted_offset,
-        deviations(solved.x),
-        float(np.sqrt(2.0 * solved.cost / used.sum())),
+        fixed(np.linalg.norm(deviations(solved.x), axis=1)),
         float(np.sqrt(np.linalg.eigvalsh(covariance[3:6, 3:6])[-1])),
         float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1])),
-    )
+    ), float(np.sqrt(2.0 * solved.cost / used.sum()))
 
 
 class RestingFingertip:

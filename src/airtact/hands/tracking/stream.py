@@ -253,10 +253,25 @@ class HandStream:
             except FaultyFrame as fault:
                 self._counts[fault.fault] += 1
                 return fault
-            self._hands[frame.side].recent.append((frame.sequence, frame.time))
-            self._hands[frame.side].at_origin = at_origin
+            hand = self._hands[used.side]
+            self._counts["lost"] += used.lost and not (hand.newest is not None and hand.newest.lost)
+            self._counts["used"] += 1
             self._counts["skipped"] += skipped
-            self._use(used)
+            self._counts["converted"] += hand.unit != 1.0
+            now = self._clock()
+            if hand.newest is not None:
+                hand.together.append(now - hand.arrived < 0.2 * (used.time - hand.newest.time))
+            hand.newest = used
+            hand.arrived = now
+            hand.clock.saw(used.time, now)
+            hand.taken = False
+            hand.silent = False
+            hand.at_origin = at_origin
+            hand.recent.append((frame.sequence, frame.time))
+            hand.stale.clear()
+            if used.landmarks is not None:
+                hand.seen = used
+            self._changed.notify_all()
             self._on_frame(used)
             return None
 
@@ -433,24 +448,6 @@ class HandStream:
                 f"the hand moved by {1e3 * moved:.0f} mm in {1e3 * (frame.time - seen.time):.0f} "
                 f"ms, faster than {MAX_SPEED:g} m/s; skip this frame.",
             )
-
-    def _use(self, frame: HandFrame) -> None:
-        hand = self._hands[frame.side]
-        self._counts["lost"] += frame.lost and not (hand.newest is not None and hand.newest.lost)
-        self._counts["used"] += 1
-        self._counts["converted"] += hand.unit != 1.0
-        now = self._clock()
-        if hand.newest is not None:
-            hand.together.append(now - hand.arrived < 0.2 * (frame.time - hand.newest.time))
-        hand.newest = frame
-        hand.arrived = now
-        hand.clock.saw(frame.time, hand.arrived)
-        hand.taken = False
-        hand.silent = False
-        hand.stale.clear()
-        if frame.landmarks is not None:
-            hand.seen = frame
-        self._changed.notify_all()
 
     def _notice_silence(self) -> None:
         now = self._clock()
