@@ -39,8 +39,10 @@ class Frame:
     __repr__ = in_short
 
     def __post_init__(self) -> None:
-        counts = {"amplitude": len(self.levels.amplitudes), "phase": self.levels.phases}
-        for name, count in counts.items():
+        for name, count in (
+            ("amplitude", len(self.levels.amplitudes)),
+            ("phase", self.levels.phases),
+        ):
             # A copy, so that the levels cannot change after the check.
             levels = np.array(getattr(self, name))
             if levels.dtype != np.uint8 or levels.ndim != 1 or len(levels) == 0:

@@ -131,12 +131,11 @@ def alternating_projections(
     """
     # Single precision is enough: only phases matter, and their error is below 1e-6.
     single = matrix.astype(np.complex64)
-    asked = (requests / requests.max(axis=1, keepdims=True)).astype(np.float32)
     return _kernels.gerchberg_saxton(
         single.real,
         single.imag,
         sets,
-        asked,
+        (requests / requests.max(axis=1, keepdims=True)).astype(np.float32),
         foci_iterations,
         iterations,
         True,  # weighted

@@ -47,9 +47,8 @@ def sound_pressure_level(pressure: Num[np.ndarray, "points"]) -> Float64[np.ndar
     >>> sound_pressure_level(np.array([np.sqrt(2.0), np.sqrt(2.0) * 20e-6])).round(2).tolist()
     [93.98, 0.0]
     """
-    rms = np.abs(pressure) / np.sqrt(2.0)
     with np.errstate(divide="ignore"):
-        return 20.0 * np.log10(rms / 20e-6)  # relative to 20 µPa
+        return 20.0 * np.log10(np.abs(pressure) / np.sqrt(2.0) / 20e-6)
 
 
 def pressures_around(
@@ -88,8 +87,7 @@ def pressures_around(
     )
     around = (directions[np.argsort(coarse[0])[-12:], None] + steps).reshape(-1, 3)
     around /= np.linalg.norm(around, axis=1, keepdims=True)
-    fine = pressures(around)
-    peak, average = np.maximum(coarse.max(axis=1), fine.max(axis=1))
+    peak, average = np.maximum(coarse.max(axis=1), pressures(around).max(axis=1))
     return sensitivity * float(peak), sensitivity * float(average)
 
 

@@ -186,8 +186,11 @@ def least_peak(transfer: TransferMatrix, target: Target, *, iterations: int = 50
     """
     check_solvable(transfer, target)
     check_iterations(iterations)
-    amplitudes = exact_amplitudes(foci_rows(transfer, target), target.wanted, iterations)
-    return scaled_to_target(transfer, target, amplitudes)
+    return scaled_to_target(
+        transfer,
+        target,
+        exact_amplitudes(foci_rows(transfer, target), target.wanted, iterations),
+    )
 
 
 def exact_amplitudes(

@@ -83,11 +83,10 @@ class Motion:
         if self.along is not None:
             check_choice(self.along, "the surface of a path", ALONG)
         if self.size is not None:  # a path longer than 0.1 m would leave any hand
-            size = within(self.size, 0.0, 0.1, "the radius or length of a path", "m")
-            object.__setattr__(self, "size", size)
+            # ``vars`` bypasses the frozen dataclass.
+            vars(self)["size"] = within(self.size, 0.0, 0.1, "the radius or length of a path", "m")
         if self.frequency is not None:
-            frequency = positive(self.frequency, "the frequency of a motion", "Hz")
-            object.__setattr__(self, "frequency", frequency)
+            vars(self)["frequency"] = positive(self.frequency, "the frequency of a motion", "Hz")
         if self.frames is not None and not MIN_FRAMES <= self.frames <= MAX_FRAMES:
             raise InvalidInput(
                 f"a path must have {MIN_FRAMES} to {MAX_FRAMES} frames, not {self.frames}.",

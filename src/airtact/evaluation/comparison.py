@@ -201,8 +201,13 @@ class Comparison:
         ]
 
     def __str__(self) -> str:
-        foci = counted(len(self.target.points), "focus", "foci")
-        rows = [[f"weakest of {foci} [Pa]", *self.pressures], *([name] for name in self.names)]
+        rows = [
+            [
+                f"weakest of {counted(len(self.target.points), 'focus', 'foci')} [Pa]",
+                *self.pressures,
+            ],
+            *([name] for name in self.names),
+        ]
         for held_equal in self.pressures:
             weakest = self.weakest(held_equal)
             reference = weakest[0] if weakest[0] > 0.0 else np.nan
@@ -431,8 +436,7 @@ def headline(
     values = _counted(comparison, held_equal)
     # The comparison holds every drive at full scale, but the drive is emitted at its own peak.
     emitted = drive.peak * comparison.pressures["equal peak"][0]
-    words = at_weakest(emitted, comparison.target, foci)
-    sentence = f"{_capital(comparison.names[0])}: {words}."
+    sentence = f"{_capital(comparison.names[0])}: {at_weakest(emitted, comparison.target, foci)}."
     if len(values) == 1:
         return sentence
     gain = values[0].min() / values[1].min() - 1.0

@@ -145,8 +145,7 @@ class _Readings:
         if self.microphone is not None:
             axis = turn.apply(np.array(self.microphone.axis, dtype=np.float64))
             cosines = rays @ axis / (distances * np.linalg.norm(axis))
-            face = piston(self.microphone.diameter / 2.0)
-            fields *= _patterns(face, cosines, self.wavenumber)[0]
+            fields *= _patterns(piston(self.microphone.diameter / 2.0), cosines, self.wavenumber)[0]
         # The mean distance of the face from a point in front of it, to second order
         distances += element.weights @ np.sum(element.points**2, axis=1) / (2.0 * distances)
         fields *= (far + nearer / distances) * np.exp(1j * self.wavenumber * distances) / distances

@@ -64,8 +64,11 @@ def load_hand(path: str | Path, gap: float | None = None) -> Hand:
     path = Path(path)
     with about(path.name or str(path)):
         pose = _read_pose(path)
-        radii = None if pose.radii_m is None else np.array(pose.radii_m)
-        hand = hand_from_joints(np.array(pose.positions_m), radii, side=side_named(pose.side))
+        hand = hand_from_joints(
+            np.array(pose.positions_m),
+            None if pose.radii_m is None else np.array(pose.radii_m),
+            side=side_named(pose.side),
+        )
         return hand if gap is None else hand.open_to(gap)
 
 

@@ -176,8 +176,10 @@ def _check_bone_lengths(joints: Joints, tolerance: float) -> None:
     elif len(wrong) == 1:
         advice = "; send these two joints again."
     else:
-        more = counted(len(wrong) - 1, "more bone is", "more bones are")
-        advice = f", and {more} out of range: are joints swapped or identical?"
+        advice = (
+            f", and {counted(len(wrong) - 1, 'more bone is', 'more bones are')} out of range: are "
+            "joints swapped or identical?"
+        )
     raise InvalidInput(fault + advice, joints[ends[first]].mean(axis=0), code=code)
 
 

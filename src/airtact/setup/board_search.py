@@ -45,10 +45,9 @@ class HandPose:
 
         Rows of foci with weight 0 are omitted.
         """
-        seen = board.seen_from(self.motion)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a layout in the shadow of the hand is simply weak
-            matrix = transfer_to(self.beacons, seen).matrix
+            matrix = transfer_to(self.beacons, board.seen_from(self.motion)).matrix
         return matrix[self.target.weights > 0.0] / self.shares[:, None]
 
 
@@ -118,8 +117,7 @@ class Search:
     def face(self) -> Points:
         """Points [m] over the area of a board, at most 10 mm apart, in the frame of the board."""
         x, y = (np.linspace(-side, side, int(side / 5e-3) + 2) for side in self.half)
-        grid = np.stack(np.meshgrid(x, y, 0.0), axis=-1).reshape(-1, 3)
-        return grid + middle_of(self.single)
+        return np.stack(np.meshgrid(x, y, 0.0), axis=-1).reshape(-1, 3) + middle_of(self.single)
 
     def spare(
         self, rotation: Float64[np.ndarray, "3 3"], middle: Float64[np.ndarray, "3"]
@@ -279,8 +277,9 @@ class Search:
         for _ in range(3):
             before = weakest
             for index in range(len(layout)):
-                others = self.poses(layout[:index] + layout[index + 1 :])
-                weakest, layout[index] = self.refined_place(weakest, layout[index], others)
+                weakest, layout[index] = self.refined_place(
+                    weakest, layout[index], self.poses(layout[:index] + layout[index + 1 :])
+                )
             if weakest < 1.003 * before:
                 break
         return weakest, layout
@@ -324,8 +323,7 @@ class Search:
 
     def poses(self, layout: Sequence[Place]) -> list[Pose]:
         """Return the pose of each board of an allowed layout, followed by those of fixed boards."""
-        placed = [pose for place in layout for pose in self.group(place) or ()]
-        return [*placed, *self.fixed]
+        return [*(pose for place in layout for pose in self.group(place) or ()), *self.fixed]
 
     def moves(self, poses: Sequence[Pose], weakest: float) -> Float64[np.ndarray, "boards 6"]:
         """Return the relative change of the pressure at the weakest focus for each move of a board.

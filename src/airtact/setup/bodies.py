@@ -90,8 +90,7 @@ def bodies_of(
                 places |= {f"{side}{name}": place for name, place in places.items()}
             for name in used & places.keys() & points.keys():
                 advice = "use point = [x, y, z] instead of at."
-                sides = {hand.side for hand in hands.values()}
-                if of_table and of_table[0].side in sides:
+                if of_table and of_table[0].side in {hand.side for hand in hands.values()}:
                     advice = (
                         f"both are {side[:-1]} hands: is the side of one wrong? Otherwise {advice}"
                     )

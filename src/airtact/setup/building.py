@@ -211,9 +211,9 @@ def _solver(file: SceneFile, scene: Scene) -> Solver:
     accuracy = file.solver.accuracy
     name = file.solver.name or ("boundary_element" if scene.obstacles else "free_field")
     if (name == "free_field") == bool(scene.obstacles):
-        state = "obstacles" if scene.obstacles else "no obstacles"
         raise InvalidInput(
-            f"{name} cannot solve a scene with {state}: remove the key name from [solver].",
+            f"{name} cannot solve a scene with {'' if scene.obstacles else 'no '}obstacles: remove "
+            "the key name from [solver].",
             code="not_supported",
         )
     if name == "finite_element":
@@ -231,8 +231,7 @@ def _solver(file: SceneFile, scene: Scene) -> Solver:
 
 def _array(table: ArrayTable, wavenumber: float, folder: Path) -> tuple[PhasedArray, str | None]:
     listed = table.layout.endswith(".csv")
-    unknown_make = listed or table.layout in KNOWN_ARRAYS
-    board = None if unknown_make else table.board or "autd3"
+    board = None if listed or table.layout in KNOWN_ARRAYS else table.board or "autd3"
     # Most arrays of unknown make consist of Murata transducers.
     radius = table.piston_radius or (MURATA_RADIUS if board is None else board_named(board).radius)
     sensitivity = table.sensitivity or DEFAULT_SENSITIVITY

@@ -284,8 +284,9 @@ def compare(
         If a solver stopped before it converged.
     """
     if isinstance(scene, Setup):
-        folder = None if store is None else Path(store)
-        return _compare_methods(scene, folder, Clock(progress), drives or {})
+        return _compare_methods(
+            scene, None if store is None else Path(store), Clock(progress), drives or {}
+        )
     return compare_drives(scene, array, drives, target, solver=solver, progress=progress)  # pyright: ignore[reportArgumentType]
 
 
@@ -337,8 +338,9 @@ def _compare_methods(
                 # Silent elements can keep all drives with these amplitudes below the share.
                 share = _weakest(transfer, setup.target, corrected) / (bound * drive.peak)
                 if share < 0.94 and drive.magnitudes.min() < 0.999 * drive.peak:
-                    full = Drive(np.exp(1j * drive.phases))
-                    corrected = nearest_drive(transfer, setup.target, full)
+                    corrected = nearest_drive(
+                        transfer, setup.target, Drive(np.exp(1j * drive.phases))
+                    )
             if corrected is not drive:
                 drives[f"{name}, corrected"] = corrected
             warnings += _conjugated(name, drive, transfer, setup.target)
@@ -377,8 +379,9 @@ def _compare_methods(
             samples = other_samples(setup, transfer)
             for (name, drive), pressures in zip(emitted.items(), at_foci, strict=True):
                 ratios = np.abs(samples.pressures(drive)[:, requested]) / weights[requested]
-                lowest = np.quantile(ratios.min(axis=1), 0.1)
-                kept[name] = float(lowest * weights[setup.target.weakest(pressures)])
+                kept[name] = float(
+                    np.quantile(ratios.min(axis=1), 0.1) * weights[setup.target.weakest(pressures)]
+                )
     return MethodComparison(
         setup=setup,
         default=method_for(setup.target).replace("_", " "),

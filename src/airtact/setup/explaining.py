@@ -228,8 +228,9 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
         )
         cap = min(1.0, level.safe_cap() / max(drive.peak for drive in rounded))
         if cap < 0.999:
-            capped = [Drive(cap * drive.amplitudes) for drive in drives]
-            emitted = [quantise(drive, setup.levels).drive() for drive in capped]
+            emitted = [
+                quantise(Drive(cap * drive.amplitudes), setup.levels).drive() for drive in drives
+            ]
             last = at_foci(emitted)
             # A limit for safety is not a fault of the scene, so it has no remedy here.
             causes.append(Cause("the level limit at a head, as in emit", last))

@@ -336,8 +336,14 @@ def place(
         report(f"solving for a beacon in each focus of hand {index + 1}")
         # Hands that are only moved share a solve.
         same = [hand for hand in solved if hand.scene is scene]
-        beacons = same[0].beacons if same else _beacons(setup.solver, scene, target)
-        solved.append(HandPose(scene, target, motion, beacons))
+        solved.append(
+            HandPose(
+                scene,
+                target,
+                motion,
+                same[0].beacons if same else _beacons(setup.solver, scene, target),
+            )
+        )
     half = 0.5 * (spread if sides is None else np.array(sides))
     middle = np.concatenate([hand.motion.apply(hand.target.points) for hand in solved]).mean(axis=0)
     if region is not None and not callable(region):
@@ -411,9 +417,12 @@ def _hand_poses(
                 code="not_supported",
             )
         points = np.stack([hand.focus(*ride) for ride in setup.riding if ride is not None])
-        target = Target(points, shares=setup.target.weights)
         body = replace(scene.obstacles[0], surface=hand.surface)
-        yield replace(scene, obstacles=[body]), target, Pose.identity()
+        yield (
+            replace(scene, obstacles=[body]),
+            Target(points, shares=setup.target.weights),
+            Pose.identity(),
+        )
 
 
 def _beacons(solver: Solver, scene: Scene, target: Target) -> RadiatedField:
@@ -508,10 +517,11 @@ def _verified(setup: Setup, search: Search, array: PhasedArray) -> float:
     weakest = []
     for hand in search.hands:
         drive = Drive(drive_of(hand.rows(array)))
-        seen = array.seen_from(hand.motion)
-        result = at.evaluate(hand.scene, seen, drive, hand.target, solver=solver)
+        result = at.evaluate(
+            hand.scene, array.seen_from(hand.motion), drive, hand.target, solver=solver
+        )
         asked = hand.target.weights > 0.0
-        weakest.append((np.abs(result.pressures[asked]) / hand.shares).min())
+        weakest.append((result.magnitudes[asked] / hand.shares).min())
     return float(np.quantile(weakest, search.share))
 
 

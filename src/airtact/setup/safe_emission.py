@@ -168,8 +168,9 @@ class Plan:
                 f"--full-scale emits up to {self.head.full:.0f} dB; --cap sets another limit."
             )
         if self.constant:
-            fastest = codec_of(self.board).fastest_frames(len(self.poses)) / 2.0
-            notes.append(constant_force_note(fastest))
+            notes.append(
+                constant_force_note(codec_of(self.board).fastest_frames(len(self.poses)) / 2.0)
+            )
         if self.weakest is not None and self.modulation is not None:
             notes.append(sensation(self.weakest, "amplitude", self.modulation.depth))
             if self.weakest > 1e3:

@@ -157,8 +157,9 @@ def sense(
         If no pose near the one in the scene file explains the echoes.
     """
     clock = Clock(progress)
-    tables = parse_scene(setup.text).obstacles
-    gaps = [table.pinch.gap for table in tables if table.pinch is not None]
+    gaps = [
+        table.pinch.gap for table in parse_scene(setup.text).obstacles if table.pinch is not None
+    ]
     gap = gaps[0] if len(gaps) == 1 else None  # gaps of more than one pinch cannot be fitted
     with clock.step("scattering", "solving the bodies for spherical waves"):
         solver = stored(BoundaryElement(accuracy=0.02, estimate=False), store).reporting(progress)
@@ -409,8 +410,9 @@ def calibrate_from_files(
     if not elements and len(drives) == 1:
         drives = drives * len(scans)
     with clock.step("calibrate", "fitting sensitivity, gains and the position of the scans"):
-        open_air = replace(setup.scene, obstacles=[])
-        return calibrate_from_scans(scans, drives, setup.array, open_air, microphone)
+        return calibrate_from_scans(
+            scans, drives, setup.array, replace(setup.scene, obstacles=[]), microphone
+        )
 
 
 def _simulated_array(array: PhasedArray, medium: Medium, seed: int) -> tuple[PhasedArray, Medium]:

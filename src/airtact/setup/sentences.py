@@ -108,8 +108,10 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
         away[: setup.lobes] = 0.0
         more = ""
         if bare > 1:
-            foci = counted(bare - 1, "other focus", "other foci")
-            more = f", and {foci} over {1e3 * MAX_SKIN_DISTANCE:g} mm"
+            more = (
+                f", and {counted(bare - 1, 'other focus', 'other foci')} over "
+                f"{1e3 * MAX_SKIN_DISTANCE:g} mm"
+            )
         cautions.append(
             f"{setup.foci[int(away.argmax())]} is {millimetres(away.max())} from the nearest "
             f"body{more}: there is no skin at that point, so comparing it with the tactile "

@@ -196,8 +196,9 @@ def _steepening(
     """Return ``second``, ``depletion`` and ``doubt`` at the foci of a drive; 0 if it is silent."""
     if not (setup.array.gains * drive).any():
         return np.zeros((3, len(points)))
-    sources = drive_sources(setup.array, [Drive(drive)], setup.scene)
-    effect = steepening(setup.scene, sources, points, pressures)
+    effect = steepening(
+        setup.scene, drive_sources(setup.array, [Drive(drive)], setup.scene), points, pressures
+    )
     return np.stack([effect.second, effect.depletion, effect.doubt])
 
 

@@ -146,8 +146,7 @@ class Setup:
                 check_outside(self.scene, self.target.suppression_points, "suppression point")
         # The check requires the foci: a focus behind all elements is out of reach.
         with about("array"):
-            beacons = self.target.beacons(suppression=True)
-            check_placement(self.scene, self.array, beacons.positions)
+            check_placement(self.scene, self.array, self.target.beacons(suppression=True).positions)
             self.poses  # noqa: B018 (raises if the array does not consist of such boards)
         with about("drive"):
             if self.method not in METHODS:

@@ -342,8 +342,12 @@ def names_of(function: Function, points: Iterable[Row]) -> list[str]:
     # The hash of the function includes airtact's version and code; see ``store``.
     function_name = name_of(core, *parts)
 
-    texts = (json.dumps([function_name, sorted(point.items())]) for point in points)
-    return [hashlib.blake2b(text.encode(), digest_size=20).hexdigest() for text in texts]
+    return [
+        hashlib.blake2b(
+            json.dumps([function_name, sorted(point.items())]).encode(), digest_size=20
+        ).hexdigest()
+        for point in points
+    ]
 
 
 @dataclass(frozen=True)

@@ -62,8 +62,10 @@ def touched(
             skins[name] = hands[name] if modelled else obstacle.surface
         contacts = at.contact(skins, things)
         if not len(contacts) and not moving:
-            points = contacts.skin.points
-            near = {thing.name: -float(thing.exact_depth(points).max()) for thing in things}
+            near = {
+                thing.name: -float(thing.exact_depth(contacts.skin.points).max())
+                for thing in things
+            }
             name = min(near, key=lambda name: near[name])
             raise InvalidInput(
                 f"no body touches an object: the nearest one, {name}, is {millimetres(near[name])} "

@@ -208,12 +208,11 @@ def _board_pose(
 
 def _autd3() -> Board:
     """Lay out 18 (x) by 14 (y) cells, x fastest, from transducer 0; three cells are empty."""
-    missing = {(1, 1), (2, 1), (16, 1)}
     cells = [
         (column, row, 0)
         for row in range(14)
         for column in range(18)
-        if (column, row) not in missing
+        if (column, row) not in {(1, 1), (2, 1), (16, 1)}
     ]
     return Board(
         name="autd3",

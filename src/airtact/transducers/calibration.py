@@ -148,8 +148,9 @@ def save_calibration(
         raise InvalidInput(
             f"a calibration must be a .csv file, not {path.name}.", code="unknown_format"
         )
-    pairs = zip(deviations, array.positions, strict=True)
-    shifts = np.stack([pose.apply(point) - point for pose, point in pairs])
+    shifts = np.stack(
+        [pose.apply(point) - point for pose, point in zip(deviations, array.positions, strict=True)]
+    )
     turns = Rotation.from_matrix(np.stack([pose.rotation for pose in deviations])).as_rotvec()
     numbers = np.column_stack([np.abs(gains), np.angle(gains), shifts, turns])
     # Nine digits resolve a micrometre in a kilometre, which is far below any measurement error.

@@ -164,12 +164,11 @@ class PhasedArray:
         # second. Normalise the directions, so that rounding errors do not accumulate.
         moved = object.__new__(PhasedArray)
         normals = _unit(pose.rotate(self.normals), "normal")
-        tangents = _unit(_across(pose.rotate(self.tangents), normals), "tangent")
         vars(moved).update(
             positions=fixed(pose.apply(self.positions)),
             normals=normals,
             element=self.element,
-            tangents=tangents,
+            tangents=_unit(_across(pose.rotate(self.tangents), normals), "tangent"),
             gains=self.gains,
             spacing=self.spacing,
         )

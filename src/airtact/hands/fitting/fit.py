@@ -262,8 +262,7 @@ def _solved(
     # The landmarks alone are fitted first, because the finger of each point is still unknown.
     first, _ = best_hand(no_points, (bent,), prior.mean, hold=prior.settled)
     report_step(f"fitting it to {cloud}")
-    starts = (joints_in(first.unknowns), seen.landmarks)
-    return best_hand(seen, starts, sizes, hold=prior.settled)
+    return best_hand(seen, (joints_in(first.unknowns), seen.landmarks), sizes, hold=prior.settled)
 
 
 def _check_explained(seen: Observation, fitted: FittedHand, cloud: Points) -> None:

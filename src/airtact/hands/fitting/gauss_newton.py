@@ -170,8 +170,9 @@ def normal_equations(
 ) -> NormalEquations:
     """Set up the normal equations; ``min_scale`` is the smallest scale of the misfit [m]."""
     matrix, gradient, squares = equations_of_rules(seen, unknowns)
-    hulls = replace(joined_as, balls=balls_at(unknowns))
-    residuals = skin_residuals(seen.points, hulls, seen.camera)
+    residuals = skin_residuals(
+        seen.points, replace(joined_as, balls=balls_at(unknowns)), seen.camera
+    )
     kind = KIND[residuals.hull]
     off = np.abs(residuals.distance)
     scale = np.full(2, MAX_SCALE)

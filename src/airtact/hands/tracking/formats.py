@@ -90,8 +90,10 @@ def frames_of_matrices(messages: Iterable[dict[str, Any]]) -> Iterator[Item]:
             if points is not None and wrist is not None and not points[0].any():
                 points = points @ wrist[0, :3, :3].T + wrist[0, :3, 3]
             if points is not None:
-                time = message.get("time", index / 60.0)
-                yield f"message {index}", partial(HandFrame, time, side, index, points)
+                yield (
+                    f"message {index}",
+                    partial(HandFrame, message.get("time", index / 60.0), side, index, points),
+                )
 
 
 def frames_of_actions(recording: dict[str, Any]) -> Iterator[Item]:

@@ -187,5 +187,6 @@ def _as_faulty_frame(faults: Mapping[str, Fault]) -> Iterator[None]:
     try:
         yield
     except InvalidInput as error:
-        fault = faults.get(error.code, "unreadable")
-        raise FaultyFrame(fault, str(error), error.position) from None
+        raise FaultyFrame(
+            faults.get(error.code, "unreadable"), str(error), error.position
+        ) from None

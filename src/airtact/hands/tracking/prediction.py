@@ -159,8 +159,9 @@ class Predictor:
                     self._newest = (frame, landmarks, hand)
                     return
         self._misfit = 0.0
-        joints = joints_of(landmarks)
-        hand = ArticulatedHand(frame.time, joints, frame.side, self.noise, self._agility)
+        hand = ArticulatedHand(
+            frame.time, joints_of(landmarks), frame.side, self.noise, self._agility
+        )
         self._newest = (frame, landmarks, hand)
 
     @property

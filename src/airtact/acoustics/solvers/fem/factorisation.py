@@ -219,12 +219,14 @@ def _upper_backwards(form: AssembledForm, free: Bool[np.ndarray, "unknowns"]) ->
     number = np.cumsum(free[::-1])[::-1] - 1  # of the free unknowns; the last has number 0
     count = int(free.sum())
     row_ends = np.cumsum(np.bincount(number[rows[chosen]], minlength=count))
-    parts = (
-        entries[chosen][::-1],
-        number[columns[chosen]][::-1].astype(np.int32),
-        np.concatenate([[0], row_ends]).astype(np.int32),
+    return csr_array(
+        (
+            entries[chosen][::-1],
+            number[columns[chosen]][::-1].astype(np.int32),
+            np.concatenate([[0], row_ends]).astype(np.int32),
+        ),
+        shape=(count, count),
     )
-    return csr_array(parts, shape=(count, count))
 
 
 @cache
@@ -247,8 +249,7 @@ def factorised(
     if method == "sparsecholesky":
         return SparseCholesky(form, free)
     # Largest residual after refinement, relative to the right-hand side.
-    residual = 1e-3 if order <= COARSE_ORDER else 1e-6
-    return Pardiso(form, free, residual)
+    return Pardiso(form, free, 1e-3 if order <= COARSE_ORDER else 1e-6)
 
 
 def check_memory(

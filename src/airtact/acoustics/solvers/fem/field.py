@@ -41,13 +41,6 @@ class PointSources:
         """Return the sources for which the mask is True."""
         return PointSources(self.positions[mask], self.strengths[mask])
 
-    def joined(self, added: Sequence["PointSources"]) -> "PointSources":
-        """Return these sources followed by others."""
-        return PointSources(
-            np.concatenate([self.positions, *(sources.positions for sources in added)]),
-            np.concatenate([self.strengths, *(sources.strengths for sources in added)]),
-        )
-
     def pressure(self, points: Points, wavenumber: complex) -> Pressures:
         """Return the open-air pressure of the monopoles at points (P, 3) [λ]."""
         if not len(self.positions) or not len(points):
@@ -111,8 +104,9 @@ class Solution:
 
     def at_nodes(self, nodes: QuadraturePoints) -> NodeValues:
         """Return the total pressure at quadrature points."""
-        incident = self.outer.pressure(nodes.points, self.system.wavenumber)
-        return incident + nodes.pressure(self.coefficients)
+        return self.outer.pressure(nodes.points, self.system.wavenumber) + nodes.pressure(
+            self.coefficients
+        )
 
 
 def solve(system: System, outer: PointSources, inner: PointSources) -> Solution:
@@ -165,31 +159,18 @@ class FiniteField(RadiatedField):
     def _scattering(self) -> Solution:
         """Solution that is accurate near the bodies.
 
-        Its unknown is the scattered pressure of all sources that do not touch a filled body.
+        Its unknown is the scattered pressure of all sources that do not touch a filled body, and of
+        the images of the sources near bodies that sound does not enter. With the images subtracted,
+        the scattered pressure is smooth near the sources. An image is as deep in the nearest body
+        as its source is above it. An image is omitted if the body is too thin to contain it.
         """
-        if not beside(self.scene, self.sources.positions).any():
+        near = beside(self.scene, self.sources.positions)
+        if not near.any():
             return self.from_afar
-        touching = self._touching_filled
-        outer = self._scaled.chosen(~touching).joined(self._images)
-        return solve(self.system, outer, self._scaled.chosen(touching))
-
-    @cached_property
-    def _touching_filled(self) -> Bool[np.ndarray, "sources"]:
-        gap = TOUCHING * self.scene.wavelength
-        return _touching(self.scene, self.sources.positions, ("filled",), gap)
-
-    @cached_property
-    def _images(self) -> list[PointSources]:
-        """Images of the sources near bodies that sound does not enter.
-
-        With the images subtracted, the scattered pressure is smooth near the sources. An image is
-        as deep in the nearest body as its source is above it. An image is omitted if the body is
-        too thin to contain it.
-        """
         length = self.scene.wavelength
-        near = beside(self.scene, self.sources.positions) & ~self._touching_filled
-        mirrored = []
-        for number in np.flatnonzero(near):
+        touching = _touching(self.scene, self.sources.positions, ("filled",), TOUCHING * length)
+        outer = [self._scaled.chosen(~touching)]
+        for number in np.flatnonzero(near & ~touching):
             source = self._scaled.chosen(np.arange(len(near)) == number)
             position = source.positions * length
             depths = [float(body.surface.depth(position)[0]) for body in self.scene.obstacles]
@@ -199,8 +180,12 @@ class FiniteField(RadiatedField):
             image = 2 * self.system.nearest_on_surface(source.positions) - source.positions
             depth = float(nearest.surface.depth(image * length)[0])
             if depth > -0.9 * max(depths) - 1e-3 * length:
-                mirrored.append(PointSources(image, source.strengths))
-        return mirrored
+                outer.append(PointSources(image, source.strengths))
+        joined = PointSources(
+            np.concatenate([sources.positions for sources in outer]),
+            np.concatenate([sources.strengths for sources in outer]),
+        )
+        return solve(self.system, joined, self._scaled.chosen(touching))
 
     def _valid(self, points: Vectors) -> Mask:
         valid = np.ones(len(points), dtype=np.bool_)
@@ -268,18 +253,19 @@ def touching_warnings(scene: Scene, sources: Monopoles) -> tuple[str, ...]:
     touching = _touching(scene, sources.positions, ("impedance", "filled"), gap)
     if not touching.any():
         return ()
-    first = sources.positions[np.argmax(touching)]
     return (
         f"{touching.sum()} of {len(sources.positions)} sources touch impedance or filled bodies, "
-        f"the first at {in_mm(first)}: within {1e3 * 0.5 * scene.wavelength:.3g} mm of such a "
-        "source the pressure near the bodies has an error of 4 to 50 %. To evaluate the pressure "
-        f"there, move the sources at least {1e3 * gap:.2g} mm away from the body.",
+        f"the first at {in_mm(sources.positions[np.argmax(touching)])}: within "
+        f"{1e3 * 0.5 * scene.wavelength:.3g} mm of such a source the pressure near the bodies has "
+        "an error of 4 to 50 %. To evaluate the pressure there, move the sources at least "
+        f"{1e3 * gap:.2g} mm away from the body.",
     )
 
 
 def _scaled(scene: Scene, sources: Monopoles) -> PointSources:
-    strengths = np.asarray(sources.strengths, dtype=np.complex128)
-    return PointSources(sources.positions / scene.wavelength, strengths)
+    return PointSources(
+        sources.positions / scene.wavelength, np.asarray(sources.strengths, dtype=np.complex128)
+    )
 
 
 def _touching(scene: Scene, points: Points, boundaries: Sequence[str], gap: float) -> Mask:

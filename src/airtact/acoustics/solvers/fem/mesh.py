@@ -70,8 +70,7 @@ def surface_mesh(shapes: Sequence[Shape], edge: float) -> SurfaceMesh:
         ]
         for part in rough[index]:
             bends = bend_sizes(part.vertices, part.triangles, part.ridges, largest / BEND_RATIO)
-            strips = strip_sizes(part.vertices, part.ridges, largest)
-            sizes = np.minimum(strips, BEND_RATIO * bends)
+            sizes = np.minimum(strip_sizes(part.vertices, part.ridges, largest), BEND_RATIO * bends)
             if neighbours:
                 # Triangles that face another body have edges of at most 1.5 times the gap, but no
                 # tiny edges.
@@ -338,8 +337,9 @@ def _curved(mesh: NetgenMesh, surface: SurfaceMesh, wavelength: float) -> Tetrah
     edges = np.sort(corners[:, EDGES], axis=2) @ [len(vertices), 1]
     index = np.searchsorted(keys, edges.ravel()).reshape(edges.shape)
     index = np.minimum(index, len(keys) - 1)
-    bends = np.where((keys[index] == edges)[:, :, None], bend[index], 0.0)
-    return Tetrahedra(vertices[corners], bends)
+    return Tetrahedra(
+        vertices[corners], np.where((keys[index] == edges)[:, :, None], bend[index], 0.0)
+    )
 
 
 def _fills_box(

@@ -21,9 +21,6 @@ CITATIONS = (
     "curvilinear coordinates",
 )
 
-# Thickness of the air between the bodies and the perfectly matched layer [λ].
-MARGIN = 0.3
-
 
 @dataclass(frozen=True)
 class FiniteElement(Solver):
@@ -128,11 +125,16 @@ class FiniteElement(Solver):
         # Either MKL's Pardiso in single precision, refined in double, or NGSolve's factorisation.
         method = "pardiso" if pardiso_library() else "sparsecholesky"
         clock = Clock(self.progress)
-        shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
-        points = np.concatenate([shape.extreme_points() for shape in shapes])
-        low = points.min(axis=0) - MARGIN * scene.wavelength
-        high = points.max(axis=0) + MARGIN * scene.wavelength
-        box = Box(low, high, LAYER_THICKNESS * scene.wavelength)
+        points = np.concatenate(
+            [obstacle.surface.shape.extreme_points() for obstacle in scene.obstacles]
+        )
+        # There are 0.3 wavelengths of air between the bodies and the perfectly matched layer.
+        margin = 0.3 * scene.wavelength
+        box = Box(
+            points.min(axis=0) - margin,
+            points.max(axis=0) + margin,
+            LAYER_THICKNESS * scene.wavelength,
+        )
         check_memory(box, scene.wavelength, self.order, self.elements_per_wavelength, method)
         with clock.step("meshing"):
             mesh, surface, tetrahedra = meshed(scene, box, self.elements_per_wavelength)

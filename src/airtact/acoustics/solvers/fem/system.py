@@ -76,27 +76,10 @@ def weak_form(scene: Scene, box: Box, mesh: CurvedMesh, space: FiniteSpace) -> E
     inside = ngsolve.dx(definedon=mesh.Materials("air|body.*"))
     form = mesh.MaterialCF(weights, default=1.0) * ngsolve.grad(trial) * ngsolve.grad(test) * inside
     form -= mesh.MaterialCF(squares, default=squared) * trial * test * inside
-    form += _layer_form(box, scene.wavelength, squared, trial, test, mesh)
-    for body, obstacle in enumerate(scene.obstacles):
-        if obstacle.ratio is not None:
-            factor = -1j * np.sqrt(complex(squared)) / obstacle.ratio
-            form += factor * trial * test * ngsolve.ds(f"surface{body}")
-    return form
-
-
-def _layer_form(
-    box: Box,
-    wavelength: float,
-    squared: complex | float,
-    trial: Expression,
-    test: Expression,
-    mesh: CurvedMesh,
-) -> Expression:
-    ngsolve = ngsolve_library()
-    low = box.low / wavelength
-    high = box.high / wavelength
+    low = box.low / scene.wavelength
+    high = box.high / scene.wavelength
     axes = (ngsolve.x, ngsolve.y, ngsolve.z)
-    stretches = []  # derivatives of the complex coordinates along x, y and z
+    stretches = []  # derivatives of the layer's complex coordinates along x, y and z
     for x, bottom, top in zip(axes, low.tolist(), high.tolist(), strict=True):
         beyond = ngsolve.IfPos(x - top, 1, ngsolve.IfPos(bottom - x, 1, 0))
         # Across the layer and back, a wave decays by the factor e^{-2 · 2π · 1.4 · 0.55} = 6e-5.
@@ -104,8 +87,13 @@ def _layer_form(
     volume = stretches[0] * stretches[1] * stretches[2]
     layer = ngsolve.dx(definedon=mesh.Materials("layer"))
     gradients = zip(ngsolve.grad(trial), ngsolve.grad(test), stretches, strict=True)
-    form = sum(volume / along**2 * left * right for left, right, along in gradients) * layer
-    return form - squared * volume * trial * test * layer
+    form += sum(volume / along**2 * left * right for left, right, along in gradients) * layer
+    form -= squared * volume * trial * test * layer
+    for body, obstacle in enumerate(scene.obstacles):
+        if obstacle.ratio is not None:
+            factor = -1j * np.sqrt(complex(squared)) / obstacle.ratio
+            form += factor * trial * test * ngsolve.ds(f"surface{body}")
+    return form
 
 
 def boundary_weights(scene: Scene) -> Complex128[np.ndarray, "3 bodies"]:
@@ -185,8 +173,9 @@ def quadrature(mesh: CurvedMesh, space: FiniteSpace, kind: str, order: int) -> Q
         owner_of = mesh.MaterialCF(owners, default=-1)
     rules = values.GetIntegrationRules()
     integral = ngsolve.BilinearForm(trialspace=values, testspace=space)
-    integrand = values.TrialFunction() * space.TestFunction()
-    integral += integrand * measure(definedon=region, intrules=rules)
+    integral += (
+        values.TrialFunction() * space.TestFunction() * measure(definedon=region, intrules=rules)
+    )
     integral.Assemble()
     entries, columns, row_starts = (np.array(part) for part in integral.mat.CSR())
     matrix = csr_array(
@@ -261,15 +250,13 @@ class System:
         surface = self.surface
         interior = self.interior
         wavenumber = self.wavenumber
-        derivative = _kernels.normal_derivative(
+        value = w_d[surface.body, None] * _kernels.normal_derivative(
             surface.points, surface.normals, positions, strengths, wavenumber
         )
-        value = w_d[surface.body, None] * derivative
         if w_s.any():
-            pressure = monopole_pressure(
+            value += w_s[surface.body, None] * monopole_pressure(
                 surface.points, positions, strengths, wavenumber, "float64"
             )
-            value += w_s[surface.body, None] * pressure
         right = surface.weighted @ value
         if len(interior.points):
             pressure = monopole_pressure(
@@ -421,15 +408,15 @@ def grade_orders(
                 factors[[edge.nr for edge in cell.edges]] = max(shorter, 1.0)
     lengths *= factors
     middles = points[ends].mean(axis=1)
-    faces = np.array([[edge.nr for edge in face.edges] for face in mesh.faces])
-    cells = np.array([[edge.nr for edge in cell.edges] for cell in mesh.Elements(ngsolve.VOL)])
     low = box.low / scene.wavelength - SAME_POINT
     high = box.high / scene.wavelength + SAME_POINT
     near = KDTree(surface)
     edges_of = {
         ngsolve.EDGE: np.arange(len(ends))[:, None],
-        ngsolve.FACE: faces,
-        ngsolve.CELL: cells,
+        ngsolve.FACE: np.array([[edge.nr for edge in face.edges] for face in mesh.faces]),
+        ngsolve.CELL: np.array(
+            [[edge.nr for edge in cell.edges] for cell in mesh.Elements(ngsolve.VOL)]
+        ),
     }
     for kind, edges in edges_of.items():
         longest = lengths[edges].max(axis=1)
@@ -458,6 +445,8 @@ def _served(
     the cost.
     """
     error = ease * (0.5 * np.pi * 1.5 * size) ** (order + 1) / factorial(order + 1)
-    powers = range(2, order + MAX_ABOVE + 2)
-    limits = [(error * factorial(n)) ** (1 / n) / (0.5 * np.pi) for n in powers]
+    limits = [
+        (error * factorial(power)) ** (1 / power) / (0.5 * np.pi)
+        for power in range(2, order + MAX_ABOVE + 2)
+    ]
     return np.clip(1 + np.searchsorted(limits, lengths), min(order, 3), order + MAX_ABOVE)

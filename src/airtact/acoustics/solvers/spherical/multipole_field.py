@@ -224,8 +224,9 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
         strengths = _coefficients(alone, centre, smallest, order)
         # From the sphere to infinity, the field divided by its carrier wave is smooth in 1/r.
         shrinkings = 0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count)
-        arguments = smallest / shrinkings * scene.wavenumber
-        shapes = outgoing_shapes(arguments, smallest * scene.wavenumber)
+        shapes = outgoing_shapes(
+            smallest / shrinkings * scene.wavenumber, smallest * scene.wavenumber
+        )
         radial = np.stack([next(shapes) for _ in range(order + 1)])
         spheres = InterpolationSpheres(centre, smallest, order, _table(strengths, radial))
     with clock.step("expansion", "comparing the expansion with the field"):
@@ -236,29 +237,28 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
         ways /= np.linalg.norm(ways, axis=1, keepdims=True)
         points = centre + spheres.radius / random.uniform(0.05, 1, (100, 1)) * ways
         points = points[before_planes(scene.planes, points)]
-        no_errors = np.zeros(field.excitations)
-        expanded = MultipoleField(scene, field.sources, field.report, field, spheres, no_errors)
+        expanded = MultipoleField(
+            scene, field.sources, field.report, field, spheres, np.zeros(field.excitations)
+        )
         exact = field.at(points)
         size = np.linalg.norm(exact, axis=0)
         errors = np.linalg.norm(expanded.at(points) - exact, axis=0) / np.where(size > 0, size, 1)
     worst = float(errors.max())
-    report = field.report
-    warnings = report.warnings
-    if worst > 1e-3:
-        warnings += (
-            f"the multipole expansion has an error of {100 * worst:.2g} %, in addition to that of "
-            "the solution",
-        )
     report = replace(
-        report,
-        seconds={**report.seconds, **clock.seconds},
+        field.report,
+        seconds={**field.report.seconds, **clock.seconds},
         settings={
-            **report.settings,
+            **field.report.settings,
             "expansion_error": worst,
             "expansion_order": spheres.order,
         },
-        warnings=warnings,
     )
+    if worst > 1e-3:
+        warning = (
+            f"the multipole expansion has an error of {100 * worst:.2g} %, in addition to that of "
+            "the solution"
+        )
+        report = replace(report, warnings=(*report.warnings, warning))
     return replace(expanded, report=report, errors=np.hypot(field.error_at(points), errors))
 
 
@@ -268,10 +268,10 @@ def ball_of(scene: Scene) -> tuple[Float64[np.ndarray, "3"], float]:
     The centre moves toward the farthest point in decreasing steps (M. Bădoiu, K. L. Clarkson, SODA
     (2003) 801).
     """
-    corners = np.concatenate(
-        [obstacle.surface.corners.reshape(-1, 3) for obstacle in scene.obstacles]
+    corners = np.unique(
+        np.concatenate([obstacle.surface.corners.reshape(-1, 3) for obstacle in scene.obstacles]),
+        axis=0,
     )
-    corners = np.unique(corners, axis=0)
     centre = corners.mean(axis=0)
     for step in range(2, 50):
         farthest = corners[np.linalg.norm(corners - centre, axis=1).argmax()]

@@ -22,7 +22,7 @@ from jaxtyping import Complex128, Float64
 from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
-from airtact.acoustics.scene import CONTACT, Obstacle, Scene, admittances, check_sources
+from airtact.acoustics.scene import CONTACT, Scene, admittances, check_sources
 from airtact.acoustics.solvers.problem import (
     RadiatedField,
     Solver,
@@ -133,11 +133,6 @@ class SphereModes:
         point = (1.0 - self.density_ratio) / total / self.radius
         return complex(point), complex(point / total)
 
-    def first_safe_order(self) -> int:
-        """Order above which the terms decrease: larger than ka outside and inside the sphere."""
-        largest = max(abs(self.size), abs((self.inner_wavenumber or 0.0) * self.radius))
-        return int(largest + 5.0 * np.cbrt(largest) + 10.0)
-
     def scattered(
         self,
         inside: bool,
@@ -165,17 +160,27 @@ class SphereModes:
             )
         else:
             point_waves = outgoing_ratios(self.wavenumber * radii, self.size)
-        source_waves = outgoing_ratios(self.wavenumber * source_radii, self.size)
         waves = zip(
             self.terms(inside),
             point_waves,
-            source_waves,
+            outgoing_ratios(self.wavenumber * source_radii, self.size),
             legendre_polynomials(versine),
             strict=False,
         )
+        # The ratio x of successive terms is a²/(r r0) outside and r/r0 inside.
+        strength = np.broadcast_to((self.radius / source_radii)[None, :], versine.shape)
+        if inside:
+            ratio = radii[:, None] / source_radii
+        else:
+            # The image of a source at r0 is at a²/r0.
+            ratio = (self.radius / radii)[:, None] * strength
+            strength = ratio
         # Static images contain the singular part of sources near the surface.
-        tail = _Tail.between(self, inside, radii, source_radii, versine)
-        pressure = _summed(waves, tail, self.first_safe_order(), 1e-10 * scale)
+        tail = _Tail(ratio, versine, strength, self.images(inside))
+        # Above this order, which is larger than ka outside and inside the sphere, terms decrease.
+        largest = max(abs(self.size), abs((self.inner_wavenumber or 0.0) * self.radius))
+        safe_order = int(largest + 5.0 * np.cbrt(largest) + 10.0)
+        pressure = _summed(waves, tail, safe_order, 1e-10 * scale)
         if pressure is None:
             raise NotConverged(
                 f"the series of a sphere of radius {1e3 * self.radius:g} mm did not reach "
@@ -195,30 +200,6 @@ class _Tail:
     versine: Pairs
     scale: Pairs
     images: tuple[complex, complex]
-
-    @classmethod
-    def between(
-        cls,
-        modes: SphereModes,
-        inside: bool,
-        radii: Lengths,
-        source_radii: Float64[np.ndarray, "sources"],
-        versine: Pairs,
-    ) -> "_Tail":
-        """Build the tail for the ratio x of successive terms: a²/(r r0) outside, r/r0 inside."""
-        scale = np.broadcast_to((modes.radius / source_radii)[None, :], versine.shape)
-        if inside:
-            ratio = radii[:, None] / source_radii
-        else:
-            # The image of a source at r0 is at a²/r0.
-            ratio = (modes.radius / radii)[:, None] * scale
-            scale = ratio
-        return cls(ratio, versine, scale, modes.images(inside))
-
-    def closed_form(self) -> ComplexPairs:
-        """Return the sum over all orders of the static terms times the Legendre polynomials."""
-        point, line = image_sums(self.ratio, self.versine)
-        return self.scale * (self.images[0] * point - self.images[1] * line)
 
     def beyond(self, partial: ComplexPairs, recent: list[_Term], order: int) -> ComplexPairs:
         """Estimate the complete sum from the partial sum up to order + 2, summing twice by parts.
@@ -270,9 +251,11 @@ def _summed(
     """
     check = first_check
     last_estimate = None
-    partial = tail.closed_form()
-    power = tail.scale
     point, line = tail.images
+    # The sum of the static terms over all orders, in closed form
+    points, lines = image_sums(tail.ratio, tail.versine)
+    partial = tail.scale * (point * points - line * lines)
+    power = tail.scale
     recent: deque[_Term] = deque(maxlen=4)
     for order, (term, point_wave, source_wave, polynomial) in enumerate(waves):
         rest = term * point_wave[:, None] * source_wave - (point - line / (order + 1)) * power
@@ -422,7 +405,22 @@ class SphereSeries(Solver):
         check_sources(scene, sources)
         clock = Clock()
         with clock.step("prepare"):
-            obstacle, sphere = _only_sphere(scene)
+            count = len(scene.obstacles)
+            if count != 1:
+                raise InvalidInput(
+                    f"SphereSeries supports only one sphere, but the scene has {count} obstacles; "
+                    "use BoundaryElement.",
+                    code="not_supported",
+                )
+            obstacle = scene.obstacles[0]
+            sphere = obstacle.surface.primitive
+            if not isinstance(sphere, Capsule) or sphere.length != 0.0:
+                kind = "a capsule" if isinstance(sphere, Capsule) else "a mesh"
+                raise InvalidInput(
+                    f"SphereSeries supports only exact spheres, but the obstacle is {kind}; build "
+                    "it with sphere(radius, edge, centre), or use BoundaryElement.",
+                    code="not_supported",
+                )
             filling = obstacle.medium
             modes = SphereModes(
                 float(sphere.radius),
@@ -431,7 +429,6 @@ class SphereSeries(Solver):
                 inner_wavenumber=filling.wavenumber(scene.frequency) if filling else None,
                 density_ratio=scene.medium.density / filling.density if filling else 0.0,
             )
-        centre = np.asarray(sphere.pose.translation, dtype=np.float64)
         report = SolveReport(
             solver="SphereSeries",
             estimated_error=ACCURACY,
@@ -439,24 +436,5 @@ class SphereSeries(Solver):
             settings={"accuracy": ACCURACY, "boundary": obstacle.boundary},
             citations=_CITATIONS,
         )
+        centre = np.asarray(sphere.pose.translation, dtype=np.float64)
         return SphereField(scene, sources, report, modes, centre)
-
-
-def _only_sphere(scene: Scene) -> tuple[Obstacle, Capsule]:
-    count = len(scene.obstacles)
-    if count != 1:
-        raise InvalidInput(
-            f"SphereSeries supports only one sphere, but the scene has {count} obstacles; use "
-            "BoundaryElement.",
-            code="not_supported",
-        )
-    obstacle = scene.obstacles[0]
-    shape = obstacle.surface.primitive
-    if not isinstance(shape, Capsule) or shape.length != 0.0:
-        kind = "a capsule" if isinstance(shape, Capsule) else "a mesh"
-        raise InvalidInput(
-            f"SphereSeries supports only exact spheres, but the obstacle is {kind}; build it "
-            "with sphere(radius, edge, centre), or use BoundaryElement.",
-            code="not_supported",
-        )
-    return obstacle, shape
