@@ -68,9 +68,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     gc.set_threshold(100_000)
     # At exit, Python would search all of them once more, which takes up to 0.3 s.
     atexit.register(gc.freeze)
+    status = 2
     try:
-        status = commands.main(args=arguments, prog_name="airtact", standalone_mode=False)
-        return status or 0  # None, or the exit code of a command
+        # The group returns None, or the exit code of a command.
+        return commands.main(args=arguments, prog_name="airtact", standalone_mode=False) or 0
     except click.exceptions.NoArgsIsHelpError as error:
         error.show()
         return error.exit_code
@@ -90,7 +91,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         sentence = f"{error.filename or 'a file'}: {error.strerror or error}"
         code = "file_missing" if isinstance(error, FileNotFoundError) else "file_failed"
-        status = 2
     except ImportError as error:
         if "_kernels" not in str(error):
             raise
@@ -99,12 +99,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             "run pip install . in the checkout, and do not add src to PYTHONPATH"
         )
         code = "extra_missing"
-        status = 2
     # Naming these errors imports NumPy, so --help must not reach this line.
     except (at.InvalidInput, at.NotConverged) as error:
         sentence = str(error)
         code = error.code
-        status = 2
     except at.emission.LinkFailed as error:
         sentence = str(error)
         code = error.code

@@ -91,11 +91,36 @@ def _check_scene(path: Path, folder: Path | None, report_step: Progress) -> Show
             "no body touches an object in this pose. airtact live creates foci as soon as a hand "
             "touches one; airtact render requires a contact."
         )
-    return (
-        list(_scene_tables(setup, unknowns)),
-        tuple(cautions),
-        _scene_record(setup, unknowns),
-    )
+    target = setup.target
+    requested = [None] * len(setup.foci) if target.pressures is None else target.pressures.tolist()
+    distances = -setup.scene.depth(target.points)
+    record = {
+        "bodies": [
+            {"name": name, "boundary": obstacle.boundary, **_size(obstacle.surface)}
+            for name, obstacle in zip(setup.bodies, setup.scene.obstacles, strict=True)
+        ],
+        "foci": [
+            {
+                "name": name,
+                "position": target.points[index].tolist(),
+                "asked": requested[index],
+                "off_the_surface": float(distances[index]),
+            }
+            for index, name in enumerate(setup.foci)
+        ],
+        "planes": [
+            {"point": plane.point.tolist(), "normal": plane.normal.tolist()}
+            for plane in setup.scene.planes
+        ],
+        "transducers": len(setup.array),
+        "suppression_points": len(target.suppression_points),
+        "frequency": setup.scene.frequency,
+        "wavelength": setup.scene.wavelength,
+        "method": setup.method,
+        "accuracy": setup.accuracy,
+        "unknowns": unknowns,
+    }
+    return list(_scene_tables(setup, unknowns)), tuple(cautions), record
 
 
 def _check_surface(
@@ -153,38 +178,6 @@ def _draw_bodies(
     report_step(f"drawing {picture}")
     surfaces = [obstacle.surface for obstacle in scene.obstacles]
     write_picture(picture, draw_bodies(surfaces, names, foci, scene.planes))
-
-
-def _scene_record(setup: "at.Setup", unknowns: int | None) -> dict[str, Any]:
-    target = setup.target
-    requested = [None] * len(setup.foci) if target.pressures is None else target.pressures.tolist()
-    distances = -setup.scene.depth(target.points)
-    return {
-        "bodies": [
-            {"name": name, "boundary": obstacle.boundary, **_size(obstacle.surface)}
-            for name, obstacle in zip(setup.bodies, setup.scene.obstacles, strict=True)
-        ],
-        "foci": [
-            {
-                "name": name,
-                "position": target.points[index].tolist(),
-                "asked": requested[index],
-                "off_the_surface": float(distances[index]),
-            }
-            for index, name in enumerate(setup.foci)
-        ],
-        "planes": [
-            {"point": plane.point.tolist(), "normal": plane.normal.tolist()}
-            for plane in setup.scene.planes
-        ],
-        "transducers": len(setup.array),
-        "suppression_points": len(target.suppression_points),
-        "frequency": setup.scene.frequency,
-        "wavelength": setup.scene.wavelength,
-        "method": setup.method,
-        "accuracy": setup.accuracy,
-        "unknowns": unknowns,
-    }
 
 
 def _size(surface: "at.Surface") -> dict[str, Any]:

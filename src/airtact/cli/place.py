@@ -154,9 +154,13 @@ def place(
             f"according to a finer solve, the best layout reaches {result.verified:,.0f} Pa, not "
             f"{best:,.0f} Pa, so another layout may be better: compare them by airtact render."
         )
+    moves = plain_table("board", "1 cm in x", "y", "z", "5° about x", "y", "z")
+    moves.title = "Change in pressure if one board of layout 1 is moved or turned"
+    for index, changes in enumerate(result.moves):
+        moves.add_row(str(index), *(f"{100 * change:+z.1f} %" for change in changes))
     show(
         _layouts_table(result, files),
-        _moves_table(result),
+        moves,
         warnings=warnings,
         lines=[f"According to a finer solve, the best layout reaches {result.verified:,.0f} Pa."],
         record={
@@ -200,12 +204,4 @@ def _layouts_table(result: "at.setup.Placement", files: tuple[Path, ...]) -> Tab
         # The present array may leave no room for some poses of the hand.
         words = ("-", "-") if weakest != weakest else (f"{weakest:,.0f} Pa", f"{share:.2f}")
         table.add_row(name, str(transducers), words[0], words[1] if share == share else "-")
-    return table
-
-
-def _moves_table(result: "at.setup.Placement") -> Table:
-    table = plain_table("board", "1 cm in x", "y", "z", "5° about x", "y", "z")
-    table.title = "Change in pressure if one board of layout 1 is moved or turned"
-    for index, changes in enumerate(result.moves):
-        table.add_row(str(index), *(f"{100 * change:+z.1f} %" for change in changes))
     return table

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import click
-from rich.table import Table
 
 import airtact as at
 from airtact.cli.console import open_page, plain_table, progress, show
@@ -57,20 +56,6 @@ def reach(
             write_reach_page(written[1], result)
         else:
             (folder / "reach.html").unlink(missing_ok=True)  # left from an older run
-    show(
-        _table(result),
-        lines=[f"{'Page' if pictures else 'Table'}: {written[-1]}"],
-        record={
-            "points": result.table(),
-            "unknowns": result.report.nodes,
-            "files": {file.name: str(file) for file in written},
-        },
-    )
-    if opened:
-        open_page(written[-1])
-
-
-def _table(result: "at.setup.ReachMap") -> Table:
     table = plain_table("part", "points", "weakest", "strongest", "x", "y", "z")
     table.title = f"Largest pressure at {len(result.bounds):,} points of the skin"
     table.caption = "x, y and z are the coordinates of the strongest point of each part."
@@ -82,4 +67,14 @@ def _table(result: "at.setup.ReachMap") -> Table:
             f"{1e-3 * result.bounds[strongest]:.2f} kPa",
             *(f"{1e3 * number:z.1f} mm" for number in result.points[strongest]),
         )
-    return table
+    show(
+        table,
+        lines=[f"{'Page' if pictures else 'Table'}: {written[-1]}"],
+        record={
+            "points": result.table(),
+            "unknowns": result.report.nodes,
+            "files": {file.name: str(file) for file in written},
+        },
+    )
+    if opened:
+        open_page(written[-1])

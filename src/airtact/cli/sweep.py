@@ -3,7 +3,7 @@
 import csv
 import re
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import product
 from math import isfinite, prod
 from pathlib import Path
@@ -81,12 +81,23 @@ def sweep(
             # One grid per frame
             hands = frames_of(scene, recording, folder / "hands")
             points = [hand | point for hand in hands for point in points]
+        begun = time.perf_counter()
+        stored: int | None = None
+
+        def count(done: int, total: int, failed: int) -> None:
+            nonlocal stored
+            # The first count is that of stored points, which take no time.
+            stored = done if stored is None else stored
+            computed = done - stored
+            left = (time.perf_counter() - begun) / computed * (total - done) if computed else 0.0
+            report(f"{done / total:.0%} of {total:,} points, {failed} failed, {left:.0f} s left")
+
         try:
-            rows = at.sweep(scene, points, processes, store, progress=_counted(report))
+            rows = at.sweep(scene, points, processes, store, progress=count)
         except KeyboardInterrupt:
-            count = len(list(store.glob("*.point.json")))
             raise KeyboardInterrupt(
-                f"{count} points are stored in {store}; run the same command to continue"
+                f"{len(list(store.glob('*.point.json')))} points are stored in {store}; run the "
+                "same command to continue"
             ) from None
         names = [name for name, value in points[0].items() if value is not None]
         write_csv(table, rows)
@@ -196,18 +207,3 @@ def write_csv(file: Path, rows: "Sequence[Row]") -> None:
                     for name, value in row.items()
                 }
             )
-
-
-def _counted(report: Callable[[object], None]) -> Callable[[int, int, int], None]:
-    """Report the progress of a sweep, with the number of failed points and the remaining time."""
-    begun = time.perf_counter()
-    earlier: list[int] = []
-
-    def count(done: int, total: int, failed: int) -> None:
-        # The first count is that of stored points, which take no time.
-        earlier.append(done)
-        computed = done - earlier[0]
-        left = (time.perf_counter() - begun) / computed * (total - done) if computed else 0.0
-        report(f"{done / total:.0%} of {total:,} points, {failed} failed, {left:.0f} s left")
-
-    return count

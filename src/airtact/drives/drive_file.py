@@ -328,7 +328,13 @@ def read_drive_file(path: Path) -> DriveFile:
         dataset, or contains invalid values.
     """
     if checked_ending(path, (".h5", ".csv"), "drive") == ".csv":
-        raw = _read_table(path)
+        table = read_text_table(path)
+        table.require("index", "amplitude", "phase")
+        order = table.order("index")
+        raw = {name: table.numbers(name)[order] for name in ("amplitude", "phase")}
+        for name, columns in (("positions", ("x", "y", "z")), ("normals", ("nx", "ny", "nz"))):
+            if set(columns) <= set(table.names):
+                raw[name] = np.stack([table.numbers(column)[order] for column in columns], axis=1)
     else:
         raw = datasets_of(path, LAYOUT, VERSION)
     with about(path.name):
@@ -339,18 +345,6 @@ def read_drive_file(path: Path) -> DriveFile:
                 f"the file lacks the dataset {missing}, which its other datasets require.",
                 code="data_missing",
             ) from None
-
-
-def _read_table(path: Path) -> dict[str, Any]:
-    """Read the rows of a table, sorted by the column ``index``."""
-    table = read_text_table(path)
-    table.require("index", "amplitude", "phase")
-    order = table.order("index")
-    raw: dict[str, Any] = {name: table.numbers(name)[order] for name in ("amplitude", "phase")}
-    for name, columns in (("positions", ("x", "y", "z")), ("normals", ("nx", "ny", "nz"))):
-        if set(columns) <= set(table.names):
-            raw[name] = np.stack([table.numbers(column)[order] for column in columns], axis=1)
-    return raw
 
 
 def _parsed(raw: Mapping[str, Any]) -> DriveFile:

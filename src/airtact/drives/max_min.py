@@ -176,23 +176,6 @@ def relaxed_bound(matrix: FociRows, tolerance: float) -> tuple[UpperBound, Relax
     return replace(bound, relaxed=reached), relaxed
 
 
-def to_rank_one(matrix: FociRows, relaxed: Relaxed) -> Complex128[np.ndarray, "foci"]:
-    """Reduce a relaxed solution to a single signal, and return the sources at the foci.
-
-    The weakest signals are dropped, a few at a time, with iterations in between.
-    """
-    rank = relaxed.signals.shape[1]
-    while rank > 1:
-        rank = max(1, min(rank - 1, int(0.7 * rank)))
-        # These are the principal components of the signals, with each focus weighted.
-        left, strengths, _ = np.linalg.svd(
-            np.sqrt(relaxed.weights)[:, None] * relaxed.signals, full_matrices=False
-        )
-        strongest = _unit(left[:, :rank] * strengths[:rank])
-        relaxed = _iterated(matrix, replace(relaxed, signals=strongest), 10)
-    return relaxed.weights * relaxed.signals[:, 0]
-
-
 def _iterated(matrix: FociRows, state: Relaxed, iterations: int) -> Relaxed:
     # A contiguous copy is faster, since every iteration multiplies by it.
     back = np.ascontiguousarray(matrix.conj().T)
@@ -304,7 +287,18 @@ def strongest_sources(matrix: FociRows, iterations: int) -> Sources:
     """
     equal_requests = np.ones(len(matrix))
     # A tolerance below 1e-2 makes no difference after the rank is reduced.
-    reduced = to_rank_one(matrix, relaxed_bound(matrix, 1e-2)[1])
+    _, relaxed = relaxed_bound(matrix, 1e-2)
+    # Drop the weakest signals, a few at a time with iterations in between, until one is left.
+    rank = relaxed.signals.shape[1]
+    while rank > 1:
+        rank = max(1, min(rank - 1, int(0.7 * rank)))
+        # These are the principal components of the signals, with each focus weighted.
+        left, strengths, _ = np.linalg.svd(
+            np.sqrt(relaxed.weights)[:, None] * relaxed.signals, full_matrices=False
+        )
+        strongest = _unit(left[:, :rank] * strengths[:rank])
+        relaxed = _iterated(matrix, replace(relaxed, signals=strongest), 10)
+    reduced = relaxed.weights * relaxed.signals[:, 0]
     # The relaxation need not be tight, so the plain starts are tried as well.
     starts = np.concatenate([reduced[None], starting_sources(matrix, equal_requests)])
     return best_sources(matrix, equal_requests, starts, iterations)

@@ -109,7 +109,11 @@ def plane_through(
         # Prefer an axis of the frame within 18 degrees, because the picture is easier to read.
         near = [axis for axis in AXES.values() if abs(towards @ axis) > 0.95]
         candidates.append(near[0] if near else towards)
-    first, second = _independent([*candidates, AXES["z"], AXES["x"], AXES["y"]])
+    candidates += [AXES["z"], AXES["x"], AXES["y"]]
+    # The first two directions that differ clearly, of which the second is made perpendicular.
+    first = next(axis for axis in candidates if np.linalg.norm(axis) > 0.5)
+    across = (axis - axis @ first * first for axis in candidates)
+    second = _direction(next(axis for axis in across if np.linalg.norm(axis) > 0.3))
     normal = np.cross(first, second)
     # The upward direction is z, or y if z is nearly normal to the plane; right is mostly positive.
     axis = AXES["z"] if abs(normal[2]) < 0.9 else AXES["y"]
@@ -151,13 +155,6 @@ def _round_foci(foci: np.ndarray, right: np.ndarray, up: np.ndarray, wavelength:
 def _direction(vector: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3"]:
     length = np.linalg.norm(vector)
     return vector / length if length > 0 else np.zeros(3)
-
-
-def _independent(candidates: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    # Take the first two directions that differ clearly, and make them perpendicular.
-    first = next(axis for axis in candidates if np.linalg.norm(axis) > 0.5)
-    across = (axis - axis @ first * first for axis in candidates)
-    return first, _direction(next(axis for axis in across if np.linalg.norm(axis) > 0.3))
 
 
 @dataclass(frozen=True, eq=False)

@@ -343,7 +343,16 @@ def _compare_methods(
                     )
             if corrected is not drive:
                 drives[f"{name}, corrected"] = corrected
-            warnings += _conjugated(name, drive, transfer, setup.target)
+            pressures = [
+                _weakest(transfer, setup.target, signed)
+                for signed in (drive, Drive(np.conj(drive.amplitudes)))
+            ]
+            if pressures[1] >= 2.0 * pressures[0] > 0.0:
+                warnings.append(
+                    f"with the opposite sign of all phases, {name} would produce "
+                    f"{pressures[1] / pressures[0]:.2g} times the pressure at its weakest focus. "
+                    "The program that wrote it may use e^(+jωt): conjugate the amplitudes."
+                )
         if not drives:
             raise InvalidInput(f"no method returned a drive; {warnings[0]}", code="empty")
         name = drive_names(setup.bodies)[-1]
@@ -419,17 +428,3 @@ def _weakest(transfer: TransferMatrix, target: Target, drive: Drive) -> float:
     asked = target.weights > 0.0
     pressures = np.abs(transfer.pressure(drive)[: len(asked)][asked])
     return float((pressures / target.weights[asked]).min())
-
-
-def _conjugated(name: str, drive: Drive, transfer: TransferMatrix, target: Target) -> list[str]:
-    """Warn if a drive was probably computed with the opposite sign of the phases."""
-    pressures = [
-        _weakest(transfer, target, signed) for signed in (drive, Drive(np.conj(drive.amplitudes)))
-    ]
-    if not pressures[1] >= 2.0 * pressures[0] > 0.0:
-        return []
-    return [
-        f"with the opposite sign of all phases, {name} would produce "
-        f"{pressures[1] / pressures[0]:.2g} times the pressure at its weakest focus. The program "
-        "that wrote it may use e^(+jωt): conjugate the amplitudes."
-    ]

@@ -40,10 +40,25 @@ def write_field(
     """
     with whole_hdf5(path) as file:
         root = _group(file, "VTKHDF", "PartitionedDataSetCollection")
-        _write_image(_block(root, "field", 0, "ImageData"), box, pressure)
+        image = _group(root, "field", "ImageData")
+        # The axes of the arrays are z, y, x, and the extent includes both ends.
+        across, along, deep = box.counts
+        image.attrs["Index"] = 0
+        image.attrs["WholeExtent"] = np.array([0, across - 1, 0, along - 1, 0, deep - 1])
+        image.attrs["Origin"] = box.origin
+        image.attrs["Spacing"] = box.step
+        image.attrs["Direction"] = np.eye(3).ravel()
+        data = image.create_group("PointData")
+        for name, part in (
+            ("pressure_real", np.real(pressure)),
+            ("pressure_imag", np.imag(pressure)),
+        ):
+            data.create_dataset(
+                name, data=part.reshape(deep, along, across), compression="gzip", compression_opts=1
+            )
         names = ["field"]
         if bodies:
-            _write_polygons(_block(root, "bodies", 1, "PolyData"), bodies)
+            _write_polygons(_group(root, "bodies", "PolyData"), bodies)
             names.append("bodies")
         assembly = root.create_group("Assembly", track_order=True)
         # ParaView displays the assembly as a tree, whose leaves must be links to the blocks.
@@ -154,26 +169,6 @@ def _group(parent: h5py.Group, name: str, kind: str) -> h5py.Group:
     return group
 
 
-def _block(root: h5py.Group, name: str, index: int, kind: str) -> h5py.Group:
-    group = _group(root, name, kind)
-    group.attrs["Index"] = index
-    return group
-
-
-def _write_image(group: h5py.Group, box: Box, pressure: Complex[np.ndarray, "points"]) -> None:
-    # The axes of the arrays are z, y, x, and the extent includes both ends.
-    across, along, deep = box.counts
-    group.attrs["WholeExtent"] = np.array([0, across - 1, 0, along - 1, 0, deep - 1])
-    group.attrs["Origin"] = box.origin
-    group.attrs["Spacing"] = box.step
-    group.attrs["Direction"] = np.eye(3).ravel()
-    data = group.create_group("PointData")
-    for name, part in (("pressure_real", np.real(pressure)), ("pressure_imag", np.imag(pressure))):
-        data.create_dataset(
-            name, data=part.reshape(deep, along, across), compression="gzip", compression_opts=1
-        )
-
-
 def _write_polygons(group: h5py.Group, bodies: Sequence[Surface]) -> None:
     starts = np.cumsum([0] + [len(body.vertices) for body in bodies])
     vertices = np.concatenate([body.vertices for body in bodies])
@@ -183,8 +178,9 @@ def _write_polygons(group: h5py.Group, bodies: Sequence[Surface]) -> None:
     numbers = np.concatenate(
         [np.full(len(body.triangles), index) for index, body in enumerate(bodies)]
     )
-    group.create_dataset("NumberOfPoints", data=np.array([len(vertices)]))
-    group.create_dataset("Points", data=vertices)
+    group.attrs["Index"] = 1
+    group["NumberOfPoints"] = np.array([len(vertices)])
+    group["Points"] = vertices
     # The reader requires all four kinds of cells, even if they are empty.
     for name in ("Vertices", "Lines", "Polygons", "Strips"):
         cells = triangles if name == "Polygons" else np.empty((0, 3), dtype=np.int64)

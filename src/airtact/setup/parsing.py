@@ -46,7 +46,26 @@ def parse_scene(text: str, changes: Mapping[str, Value] | None = None) -> SceneF
     ...
     airtact.errors.InvalidInput: medum is not a key of a scene file; did you mean medium?
     """
-    _check_text(text)
+    try:
+        size = len(text.encode())
+    except UnicodeEncodeError as error:
+        raise InvalidInput(
+            f"the text is not Unicode: character {error.start} is an unpaired surrogate.",
+            code="file_unreadable",
+        ) from None
+    if size > LARGEST_SCENE_FILE:
+        raise InvalidInput(
+            f"the text has {size:,} bytes, more than {LARGEST_SCENE_FILE:,}.",
+            code="file_too_large",
+        )
+    # The decoder needs minutes for keys with thousands of parts.
+    parts = 0
+    for word in text.split("."):
+        parts = 0 if re.search(r"[\n=,\[\]{}]", word) else parts + 1
+        if parts >= 32:
+            raise InvalidInput(
+                "a key has more than 32 parts separated by dots: use fewer.", code="file_too_large"
+            )
     try:
         data = msgspec.toml.decode(text.encode())
         if changes:
@@ -69,29 +88,6 @@ def parse_scene(text: str, changes: Mapping[str, Value] | None = None) -> SceneF
         return msgspec.convert(data, SceneFile)
     except msgspec.ValidationError as error:
         raise _explained(error, data) from None
-
-
-def _check_text(text: str) -> None:
-    try:
-        size = len(text.encode())
-    except UnicodeEncodeError as error:
-        raise InvalidInput(
-            f"the text is not Unicode: character {error.start} is an unpaired surrogate.",
-            code="file_unreadable",
-        ) from None
-    if size > LARGEST_SCENE_FILE:
-        raise InvalidInput(
-            f"the text has {size:,} bytes, more than {LARGEST_SCENE_FILE:,}.",
-            code="file_too_large",
-        )
-    # The decoder needs minutes for keys with thousands of parts.
-    parts = 0
-    for word in text.split("."):
-        parts = 0 if re.search(r"[\n=,\[\]{}]", word) else parts + 1
-        if parts >= 32:
-            raise InvalidInput(
-                "a key has more than 32 parts separated by dots: use fewer.", code="file_too_large"
-            )
 
 
 def _check_numbers(data: object, path: str) -> None:

@@ -11,7 +11,7 @@ from airtact.acoustics.scene import Obstacle
 from airtact.errors import InvalidInput, about, millimetres
 from airtact.geometry.surface import Surface
 from airtact.setup.bodies import built, pose_of
-from airtact.setup.tables import ObjectKeys, ObjectTable, SceneFile
+from airtact.setup.tables import ObjectKeys, SceneFile
 
 # Classes of solids with an analytic distance, by key
 SOLIDS = {"box": "Box", "cylinder": "Cylinder", "half_space": "HalfSpace", "button": "Button"}
@@ -50,7 +50,15 @@ def touched(
     objects = []
     for index, table in enumerate(file.objects):
         with about(f"objects[{index}]"):
-            objects.append(_object(table, folder))
+            shape = None
+            if table.sphere is not None:
+                shape = built(at.sphere, table.sphere)
+            elif table.capsule is not None:
+                shape = built(at.capsule, table.capsule)
+            elif table.surface is not None:
+                shape = at.load_surface(folder / table.surface, table.scale)
+            pose = None if table.pose is None else pose_of(table.pose)
+            objects.append(object_of(table, table.name, pose, shape))
     with about("objects"):
         things = objects_of(objects)
         if file.foci:
@@ -83,17 +91,6 @@ def nearest_skin(contacts: "at.touch.Contacts") -> Float64[np.ndarray, "1 3"]:
         depths = [thing.depth(skin.points) for thing in contacts.virtual_objects]
     nearest = int(np.max(depths, axis=0).argmax())
     return (skin.points[nearest] + contacts.offset * skin.normals[nearest])[None]
-
-
-def _object(table: ObjectTable, folder: Path) -> "at.VirtualObject":
-    shape = None
-    if table.sphere is not None:
-        shape = built(at.sphere, table.sphere)
-    elif table.capsule is not None:
-        shape = built(at.capsule, table.capsule)
-    elif table.surface is not None:
-        shape = at.load_surface(folder / table.surface, table.scale)
-    return object_of(table, table.name, None if table.pose is None else pose_of(table.pose), shape)
 
 
 def object_of(

@@ -206,18 +206,24 @@ def _board_pose(
     return pose
 
 
-def _autd3() -> Board:
-    """Lay out 18 (x) by 14 (y) cells, x fastest, from transducer 0; three cells are empty."""
-    cells = [
-        (column, row, 0)
-        for row in range(14)
-        for column in range(18)
-        if (column, row) not in {(1, 1), (2, 1), (16, 1)}
-    ]
-    return Board(
+# Column and row of each transducer of an "openmpd" board.
+_COLUMNS, _ROWS = np.divmod(np.arange(256), 16)
+
+_LISTED = (
+    # 18 (x) by 14 (y) cells, x fastest, from transducer 0; three cells are empty.
+    Board(
         name="autd3",
         title="AUTD3",
-        positions=fixed(10.16e-3 * np.array(cells)),
+        positions=fixed(
+            np.array(
+                [
+                    (10.16e-3 * column, 10.16e-3 * row, 0.0)
+                    for row in range(14)
+                    for column in range(18)
+                    if (column, row) not in {(1, 1), (2, 1), (16, 1)}
+                ]
+            )
+        ),
         channels=np.arange(249),
         message_length=249,
         outline=(192.0e-3, 151.4e-3),
@@ -228,23 +234,22 @@ def _autd3() -> Board:
         transducer="Nippon Ceramic T4010A1",
         radius=NICERA_RADIUS,
         source="AUTD3 SDK (autd3-core); message as in pyautd3",
-    )
-
-
-def _sonicsurface() -> Board:
-    """Lay out 16 by 16 cells in the order of the channels: blocks of 4 (x) by 2 (y), y first."""
-    # Cells of a block in the order of their channels (``Distribute.vhd``).
-    block = [(0, 0), (2, 0), (3, 0), (1, 1), (0, 1), (3, 1), (2, 1), (1, 0)]
-    cells = [
-        (4 * group + x, 2 * pair + y, 7.5)
-        for group in range(4)
-        for pair in range(8)
-        for x, y in block
-    ]
-    return Board(
+    ),
+    # 16 by 16 cells in the order of the channels: blocks of 4 (x) by 2 (y), y first. The cells of a
+    # block are in the order of their channels (``Distribute.vhd``).
+    Board(
         name="sonicsurface",
         title="SonicSurface",
-        positions=fixed(10.5e-3 * (np.array(cells) - 7.5)),
+        positions=fixed(
+            np.array(
+                [
+                    (10.5e-3 * (4 * group + x - 7.5), 10.5e-3 * (2 * pair + y - 7.5), 0.0)
+                    for group in range(4)
+                    for pair in range(8)
+                    for x, y in ((0, 0), (2, 0), (3, 0), (1, 1), (0, 1), (3, 1), (2, 1), (1, 0))
+                ]
+            )
+        ),
         channels=np.arange(256),
         message_length=256,
         outline=(183.0e-3, 169.0e-3),
@@ -255,16 +260,20 @@ def _sonicsurface() -> Board:
         transducer="of 10 mm, as Murata MA40S4S",
         radius=MURATA_RADIUS,
         source="upnalab/SonicSurface: control software, Distribute.vhd, PhaseLine.vhd",
-    )
-
-
-def _nano16() -> Board:
-    """Lay out the pins that are driven: A0 to A5 are bits 0 to 5, and D2 to D7 bits 10 to 15."""
-    cells = [(column - 1.5, row - 1.0, 0.0) for row in range(3) for column in range(4)]
-    return Board(
+    ),
+    # The pins that are driven: A0 to A5 are bits 0 to 5, and D2 to D7 bits 10 to 15.
+    Board(
         name="nano16",
         title="Ultraino Nano16",
-        positions=fixed(10.0e-3 * np.array(cells)),
+        positions=fixed(
+            np.array(
+                [
+                    (10.0e-3 * (column - 1.5), 10.0e-3 * (row - 1.0), 0.0)
+                    for row in range(3)
+                    for column in range(4)
+                ]
+            )
+        ),
         channels=np.concatenate([np.arange(6), np.arange(10, 16)]),
         message_length=16,
         outline=None,
@@ -275,19 +284,15 @@ def _nano16() -> Board:
         transducer="of 10 mm, as Murata MA40S4S",
         radius=MURATA_RADIUS,
         source="asiermarzo/Ultraino: DriverNano16.ino, ArduinoNano.java",
-    )
-
-
-def _openmpd() -> Board:
-    """Lay out 16 x 16 cells column by column from the top; pins form blocks of 4 (x) by 2 (y)."""
-    # Pins within a block by column and row (``board_6.pat``).
-    columns, rows = np.divmod(np.arange(256), 16)
-    pins = np.array([[1, 5], [0, 4], [3, 6], [2, 7]])
-    return Board(
+    ),
+    # 16 x 16 cells column by column from the top. Pins form blocks of 4 (x) by 2 (y), numbered by
+    # column and row as in ``board_6.pat``.
+    Board(
         name="openmpd",
         title="OpenMPD",
-        positions=fixed(10.5e-3 * np.stack([columns - 7.5, 7.5 - rows, 0.0 * rows], axis=1)),
-        channels=8 * (31 - 8 * (columns // 4) - rows // 2) + pins[columns % 4, rows % 2],
+        positions=fixed(10.5e-3 * np.stack([_COLUMNS - 7.5, 7.5 - _ROWS, 0.0 * _ROWS], axis=1)),
+        channels=8 * (31 - 8 * (_COLUMNS // 4) - _ROWS // 2)
+        + np.array([[1, 5], [0, 4], [3, 6], [2, 7]])[_COLUMNS % 4, _ROWS % 2],
         message_length=256,
         outline=None,
         placed=True,
@@ -297,8 +302,8 @@ def _openmpd() -> Board:
         transducer="Murata MA40S4S",
         radius=MURATA_RADIUS,
         source="RMResearch/OpenMPD_Hardware 3.4.2: CommandReader.vhd; board_6.pat of OpenMPD_Libs",
-    )
-
+    ),
+)
 
 # Boards by name, in the order in which they are listed.
-BOARDS = {board.name: board for board in (_autd3(), _sonicsurface(), _nano16(), _openmpd())}
+BOARDS = {board.name: board for board in _LISTED}

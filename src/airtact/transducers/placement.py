@@ -67,8 +67,17 @@ def check_placement(
         )
     for index, obstacle in enumerate(scene.obstacles):
         _check_body(array, obstacle.surface.corners.reshape(-1, 3), f"body {index} reaches")
+    # If the image of a body or focus in a plane were behind a face, the image of the element would
+    # have to radiate backward.
     for plane in scene.planes:
-        _check_images(plane, scene, array, foci)
+        radiating = ~flush(plane, array)
+        if foci is not None:
+            for index, height in enumerate(_height(array, plane.image(foci))):
+                behind = np.where(radiating, -height, 0.0)
+                _check_behind(array, behind, f"the image of focus {index} in the plane is")
+        for index, obstacle in enumerate(scene.obstacles):
+            image = plane.image(obstacle.surface.corners.reshape(-1, 3))
+            _check_body(array, image, f"the image of body {index} in the plane reaches", radiating)
 
 
 def check_apart(array: PhasedArray) -> None:
@@ -138,21 +147,6 @@ def _check_body(
     # The vertex farthest behind a face belongs to the convex hull.
     behind = -_height(array, vertices[ConvexHull(vertices).vertices]).min(axis=0)
     _check_behind(array, behind if elements is None else np.where(elements, behind, 0.0), subject)
-
-
-def _check_images(
-    plane: Plane, scene: Scene, array: PhasedArray, foci: Real[np.ndarray, "foci 3"] | None
-) -> None:
-    """Raise an error if the image of a body or focus in a plane is behind a face."""
-    # If it is, the image of the element would have to radiate backward.
-    radiating = ~flush(plane, array)
-    if foci is not None:
-        for index, height in enumerate(_height(array, plane.image(foci))):
-            behind = np.where(radiating, -height, 0.0)
-            _check_behind(array, behind, f"the image of focus {index} in the plane is")
-    for index, obstacle in enumerate(scene.obstacles):
-        image = plane.image(obstacle.surface.corners.reshape(-1, 3))
-        _check_body(array, image, f"the image of body {index} in the plane reaches", radiating)
 
 
 def planes_behind(scene: Scene, array: PhasedArray) -> tuple[Plane, ...]:
