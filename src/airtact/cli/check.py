@@ -81,9 +81,11 @@ def _check_scene(path: Path, folder: Path | None, report_step: Progress) -> Show
     if folder is not None:
         _draw_bodies(folder, setup.scene, setup.bodies, setup.target.points, report_step)
     report_step("counting unknowns")
-    unknowns = None
-    if isinstance(setup.solver, at.BoundaryElement):
-        unknowns = unknowns_of(setup.solver, setup.scene, setup.target.points)
+    unknowns = (
+        unknowns_of(setup.solver, setup.scene, setup.target.points)
+        if isinstance(setup.solver, at.BoundaryElement)
+        else None
+    )
     report_step(f"checking which of {len(setup.target.points):,} foci the array reaches")
     cautions = [*reach_cautions(setup), *facing_away(setup)]
     if setup.contacts is not None and not len(setup.contacts):

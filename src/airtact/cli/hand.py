@@ -175,10 +175,9 @@ def _fit(
     report_step("fitting the skin of the hand to the points")
     surface = fitted.surface if edge is None else fitted.skin(edge)
     shape = cast("HandShape | MeshShape", surface.shape)
-    if isinstance(shape, MeshShape):
-        triangles = shape.quadratic_triangles
-    else:
-        triangles = shape.panels(edge or EDGE)
+    triangles = (
+        shape.quadratic_triangles if isinstance(shape, MeshShape) else shape.panels(edge or EDGE)
+    )
     distances = -shape.depth(fitted.points)  # positive outside
 
     lines = _write(triangles, file, draw_cloud(triangles, fitted, distances), report_step)

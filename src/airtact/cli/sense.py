@@ -101,10 +101,11 @@ def sense(
         writable_folder(folder)
         pose = folder / "pose.json"
         page = folder / "report.html"
-        if echoes is None:
-            source = Simulation(noise, offset, turn, seed, wider)
-        else:
-            source = at.sensing.load_echoes(echoes)
+        source = (
+            Simulation(noise, offset, turn, seed, wider)
+            if echoes is None
+            else at.sensing.load_echoes(echoes)
+        )
         sensed = sense_hand(setup, source, report_step, store)
         files = [pose]
         record = {"format_version": 1, **sensed.record()}

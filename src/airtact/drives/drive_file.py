@@ -363,15 +363,21 @@ def _parsed(raw: Mapping[str, Any]) -> DriveFile:
         )
         if name in raw
     }
-    medium = None
-    if "sound_speed" in raw and "density" in raw:
-        medium = Medium(raw["sound_speed"], raw["density"], raw.get("absorption", 0.0))
-    levels = None
-    if "shares_of_levels" in raw:
-        levels = Levels(raw["shares_of_levels"], raw["levels_of_a_turn"])
-    poses = None
-    if "board_positions" in raw:
-        poses = tuple(map(Pose, raw["board_rotations"], raw["board_positions"]))
+    medium = (
+        Medium(raw["sound_speed"], raw["density"], raw.get("absorption", 0.0))
+        if "sound_speed" in raw and "density" in raw
+        else None
+    )
+    levels = (
+        Levels(raw["shares_of_levels"], raw["levels_of_a_turn"])
+        if "shares_of_levels" in raw
+        else None
+    )
+    poses = (
+        tuple(map(Pose, raw["board_rotations"], raw["board_positions"]))
+        if "board_positions" in raw
+        else None
+    )
     modulation = None
     if (kind := raw.get("modulation", "none")) == "am":
         modulation = AmplitudeModulation(raw["modulation_frequency"], raw["modulation_depth"])

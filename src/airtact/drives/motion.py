@@ -28,9 +28,6 @@ DEFAULT_FRAMES = 16
 # Largest number of frames that an AUTD3 board stores.
 MAX_FRAMES = 1024
 
-PATHS = ("circle", "line", "points")
-ALONG = ("skin", "array")
-
 # Positions of each focus in each frame [m].
 Paths = Float64[np.ndarray, "foci frames 3"]
 
@@ -79,9 +76,9 @@ class Motion:
     def __post_init__(self) -> None:
         check_choice(self.kind, "the kind of a motion", ("lm", "stm"))
         if self.path is not None:
-            check_choice(self.path, "the path of a motion", PATHS)
+            check_choice(self.path, "the path of a motion", ("circle", "line", "points"))
         if self.along is not None:
-            check_choice(self.along, "the surface of a path", ALONG)
+            check_choice(self.along, "the surface of a path", ("skin", "array"))
         if self.size is not None:  # a path longer than 0.1 m would leave any hand
             # ``vars`` bypasses the frozen dataclass.
             vars(self)["size"] = within(self.size, 0.0, 0.1, "the radius or length of a path", "m")

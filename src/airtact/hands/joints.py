@@ -42,8 +42,6 @@ Place = tuple[Point, Point]
 
 FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 
-_PHALANGES = ("proximal", "intermediate", "distal")
-
 # Names of the 25 joints of WebXR, in its order.
 NAMES = (
     *("wrist", "thumb-metacarpal"),
@@ -51,7 +49,13 @@ NAMES = (
     *(
         f"{finger}-finger-{bone}"
         for finger in FINGERS[1:]
-        for bone in ("metacarpal", *(f"phalanx-{name}" for name in _PHALANGES), "tip")
+        for bone in (
+            "metacarpal",
+            "phalanx-proximal",
+            "phalanx-intermediate",
+            "phalanx-distal",
+            "tip",
+        )
     ),
 )
 

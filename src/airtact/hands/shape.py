@@ -143,9 +143,11 @@ class HandShape(Shape):
     def skin(self, edge: float) -> HandMesh:
         """Return a mesh of edge length ``edge`` [m], deformed from a keyframe if possible."""
         if edge not in self.meshes:
-            mesh = None
-            if self.follows is not None:
-                mesh = deformed(self.follows.hulls, self.follows.skin(edge), self.hulls, edge)
+            mesh = (
+                None
+                if self.follows is None
+                else deformed(self.follows.hulls, self.follows.skin(edge), self.hulls, edge)
+            )
             self.meshes[edge] = (even_skin(self.hulls, edge) if mesh is None else mesh).fixed()
         return self.meshes[edge]
 

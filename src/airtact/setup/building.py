@@ -237,10 +237,11 @@ def _array(table: ArrayTable, wavenumber: float, folder: Path) -> tuple[PhasedAr
     sensitivity = table.sensitivity or DEFAULT_SENSITIVITY
     # The far-field pattern of a larger piston requires more points.
     points = 12 if wavenumber * radius <= MAX_PISTON_SIZE[12] else 19
-    if table.source == "monopole":
-        element = monopole(sensitivity)
-    else:
-        element = piston(radius, sensitivity, points=points)
+    element = (
+        monopole(sensitivity)
+        if table.source == "monopole"
+        else piston(radius, sensitivity, points=points)
+    )
     match table.layout:
         case "surrounding_box":
             array = surrounding_box(element=element, board=table.board)

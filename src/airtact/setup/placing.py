@@ -509,11 +509,11 @@ def _present(search: Search, array: PhasedArray) -> float:
 
 def _verified(setup: Setup, search: Search, array: PhasedArray) -> float:
     """Compute the pressure [Pa] at the weakest focus for the search's drives by a finer solver."""
-    solver = setup.solver
-    if isinstance(solver, BoundaryElement):
-        solver = replace(solver, accuracy=min(solver.accuracy, 0.02))
-    else:
-        solver = verification_solver(setup)
+    solver = (
+        replace(setup.solver, accuracy=min(setup.solver.accuracy, 0.02))
+        if isinstance(setup.solver, BoundaryElement)
+        else verification_solver(setup)
+    )
     weakest = []
     for hand in search.hands:
         drive = Drive(drive_of(hand.rows(array)))

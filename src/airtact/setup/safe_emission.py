@@ -284,10 +284,11 @@ def default_level(
         )
         return
     if limited.cap < 1.0 and limited.weakest is not None:
-        if modulation is None:
-            level = level_above_threshold(limited.weakest, "spatiotemporal")
-        else:
-            level = level_above_threshold(limited.weakest, "amplitude", modulation.depth)
+        level = (
+            level_above_threshold(limited.weakest, "spatiotemporal")
+            if modulation is None
+            else level_above_threshold(limited.weakest, "amplitude", modulation.depth)
+        )
         yield (
             f"By default, airtact emit limits the level at a head to {MAX_HEAD_LEVEL:g} dB and "
             f"plays only {pascals(limited.weakest)} at the weakest focus, {level} this threshold; "

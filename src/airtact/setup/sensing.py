@@ -199,16 +199,17 @@ def sense(
                 seed=echoes.seed,
             )
     with clock.step("locate", "fitting the pose to the echoes"):
-        if isinstance(model, ScatteringFamily):
-            located = locate(echoes, model, setup.array, Pose.identity())
-        else:
-            located = locate(echoes, setup.scene, setup.array, Pose.identity(), scattering=model)
+        located = (
+            locate(echoes, model, setup.array, Pose.identity())
+            if isinstance(model, ScatteringFamily)
+            else locate(echoes, setup.scene, setup.array, Pose.identity(), scattering=model)
+        )
     if not located.converged:
-        reach = ""
-        if isinstance(model, ScatteringFamily):
-            reach = (
-                f", or its gap is not between {1e3 * model.low:.3g} and {1e3 * model.high:.3g} mm"
-            )
+        reach = (
+            f", or its gap is not between {1e3 * model.low:.3g} and {1e3 * model.high:.3g} mm"
+            if isinstance(model, ScatteringFamily)
+            else ""
+        )
         raise NotConverged(
             f"no pose near that of the scene {setup.title} explains the echoes: the best pose "
             f"leaves {located.misfit:.2g} of the echoes unexplained beyond the noise. The hand "

@@ -65,9 +65,11 @@ def trap_sentences(setup: Setup, verdicts: "Sequence[at.traps.Verdict]") -> Iter
     """State the verdict on each trap, and any noticeable distance from the requested point."""
     for index, (trap, verdict) in enumerate(zip(setup.traps, verdicts, strict=True), 1):
         away = float(np.linalg.norm(verdict.point - trap.point))
-        moved = ""
-        if away > setup.scene.wavelength / 20.0:
-            moved = f" It is {millimetres(away)} from the requested point."
+        moved = (
+            f" It is {millimetres(away)} from the requested point."
+            if away > setup.scene.wavelength / 20.0
+            else ""
+        )
         yield f"Trap {index}: {verdict}.{moved}"
 
 
@@ -106,12 +108,12 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
     if bare:
         away = -scene.depth(points)
         away[: setup.lobes] = 0.0
-        more = ""
-        if bare > 1:
-            more = (
-                f", and {counted(bare - 1, 'other focus', 'other foci')} over "
-                f"{1e3 * MAX_SKIN_DISTANCE:g} mm"
-            )
+        more = (
+            f", and {counted(bare - 1, 'other focus', 'other foci')} over "
+            f"{1e3 * MAX_SKIN_DISTANCE:g} mm"
+            if bare > 1
+            else ""
+        )
         cautions.append(
             f"{setup.foci[int(away.argmax())]} is {millimetres(away.max())} from the nearest "
             f"body{more}: there is no skin at that point, so comparing it with the tactile "

@@ -112,26 +112,25 @@ class Setup:
         of_kind(self.scene, Scene, "the scene", "Scene(medium, obstacles)")
         of_kind(self.array, PhasedArray, "the array", "one such as surrounding_box()")
         of_kind(self.target, Target, "the target", "Target(points, pressures)")
-        behind = planes_behind(self.scene, self.array)
+        scene = self.scene
+        behind = planes_behind(scene, self.array)
         if behind:
-            planes = tuple(plane for plane in self.scene.planes if plane not in behind)
-            object.__setattr__(self, "scene", replace(self.scene, planes=planes))
-            object.__setattr__(self, "left_out", behind)
+            planes = tuple(plane for plane in scene.planes if plane not in behind)
+            scene = replace(scene, planes=planes)
         accuracy = self.accuracy
         if accuracy is None:
             accuracy = getattr(self.solver, "accuracy", 0.01)
-        # The class is frozen, so its fields must be set through `object`.
-        object.__setattr__(self, "accuracy", accuracy)
-        if self.solver is None:
-            object.__setattr__(self, "solver", default_solver(self.scene, accuracy))
-        if not self.bodies:
-            count = len(self.scene.obstacles)
-            object.__setattr__(self, "bodies", tuple(f"body {index}" for index in range(count)))
         count = len(self.target.points)
-        if not self.foci:
-            object.__setattr__(self, "foci", tuple(f"focus {index + 1}" for index in range(count)))
-        if not self.riding:
-            object.__setattr__(self, "riding", (None,) * count)
+        # ``vars`` bypasses the frozen dataclass.
+        vars(self).update(
+            scene=scene,
+            left_out=behind or self.left_out,
+            accuracy=accuracy,
+            solver=default_solver(scene, accuracy) if self.solver is None else self.solver,
+            bodies=self.bodies or tuple(f"body {index}" for index in range(len(scene.obstacles))),
+            foci=self.foci or tuple(f"focus {index + 1}" for index in range(count)),
+            riding=self.riding or (None,) * count,
+        )
         for name, things in (("bodies", self.scene.obstacles), ("foci", self.target.points)):
             if len(getattr(self, name)) != len(things):
                 raise InvalidInput(

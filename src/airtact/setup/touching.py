@@ -86,9 +86,9 @@ def touched(
 def nearest_skin(contacts: "at.touch.Contacts") -> Float64[np.ndarray, "1 3"]:
     """Return the skin point that is nearest to an object, as a focus (1, 3) [m]."""
     skin = contacts.skin
-    depths = [np.zeros(len(skin.points))]  # any point if there are no objects
-    if contacts.virtual_objects:
-        depths = [thing.depth(skin.points) for thing in contacts.virtual_objects]
+    depths = [thing.depth(skin.points) for thing in contacts.virtual_objects] or [
+        np.zeros(len(skin.points))  # any point if there are no objects
+    ]
     nearest = int(np.max(depths, axis=0).argmax())
     return (skin.points[nearest] + contacts.offset * skin.normals[nearest])[None]
 

@@ -9,12 +9,6 @@ from jaxtyping import Float64, Int64, Real
 from airtact.errors import InvalidInput, counted, fixed, in_short
 from airtact.geometry.pose import Pose, nearest_motion
 
-# Radius of a piston with the directivity of Nippon Ceramic's T4010A1 at 40 kHz [m]. The case has a
-# radius of 5 mm. Piston and maker's curve are 6 dB down at 50 degrees from the axis. The AUTD3 SDK
-# contains this curve as a table (``T4010A1``): 0.708, 0.501 and 0.355 of the pressure on the axis
-# at 40, 50 and 60 degrees. For the piston, these values are 0.62, 0.49 and 0.38.
-NICERA_RADIUS = 4.0e-3
-
 # Radius of a piston for Murata's MA40S4S at 40 kHz, whose case has a radius of 4.95 mm [m]. It is
 # 6 dB down at 42 degrees from the axis; the data sheet states a full width of 80 degrees. Other
 # transducers of this size, such as those in kits, are similar.
@@ -232,7 +226,11 @@ _LISTED = (
         amplitudes=256,
         phases=256,
         transducer="Nippon Ceramic T4010A1",
-        radius=NICERA_RADIUS,
+        # The case has a radius of 5 mm. Piston and maker's curve are 6 dB down at 50 degrees from
+        # the axis at 40 kHz. The AUTD3 SDK contains this curve as a table (``T4010A1``): 0.708,
+        # 0.501 and 0.355 of the pressure on the axis at 40, 50 and 60 degrees. For the piston,
+        # these values are 0.62, 0.49 and 0.38.
+        radius=4.0e-3,
         source="AUTD3 SDK (autd3-core); message as in pyautd3",
     ),
     # 16 by 16 cells in the order of the channels: blocks of 4 (x) by 2 (y), y first. The cells of a

@@ -112,9 +112,11 @@ class Element:
             return "directional" if self.directional else "monopoles (equal in all directions)"
         size = wavenumber * self.radius
         half = 2.2151  # argument at which 2 J₁(x)/x is a half, −6 dB
-        width = "above -6 dB in all directions"
-        if size > half:
-            width = f"-6 dB at {np.degrees(np.arcsin(half / size)):.0f} degrees"
+        width = (
+            f"-6 dB at {np.degrees(np.arcsin(half / size)):.0f} degrees"
+            if size > half
+            else "above -6 dB in all directions"
+        )
         return f"pistons of {self.radius * 1e3:.3g} mm radius ({width}) that only radiate forward"
 
     def same_as(self, element: "Element") -> bool:

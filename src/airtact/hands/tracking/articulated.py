@@ -47,17 +47,18 @@ BENDS = TURNS.start + 7 * np.arange(5)[:, None] + np.array([3, 5])
 
 # Standard deviation of the acceleration for an agility of 1 m/s²: shift of the palm [m/s²], its
 # turn, and turns of joints [rad/s²]. A degree of freedom without acceleration has no rate.
-_FINGER = [9.0, 0.5, 0.0, 5.0, 0.0, 4.0, 0.0]
-_THUMB = [9.0, 1.0, 0.0, 5.0, 0.0, 4.0, 0.0]
-ACCELERATIONS = np.array([1.0] * 6 + _THUMB + 4 * _FINGER + [0.0] * 45)
+ACCELERATIONS = np.array(
+    [1.0] * 6
+    + [9.0, 1.0, 0.0, 5.0, 0.0, 4.0, 0.0]  # thumb
+    + 4 * [9.0, 0.5, 0.0, 5.0, 0.0, 4.0, 0.0]  # other fingers
+    + [0.0] * 45
+)
 MOVING = np.flatnonzero(ACCELERATIONS)
 # Rows of the rates and of the accelerations in the covariance.
 RATES = COUNT + np.arange(len(MOVING))
 SECOND_RATES = RATES + len(MOVING)
 # Time after which an acceleration is forgotten [s].
 MEMORY = 0.2
-# Standard deviation of each rate of a hand in its first frame [m/s, rad/s].
-FIRST_RATES = np.where(MOVING < 3, 0.5, 4.0)
 
 # Random walk of the remaining turns [rad²/s] and of the shape [m²/s].
 WALKS = np.where(ACCELERATIONS > 0.0, 0.0, np.where(np.arange(COUNT) < LENGTHS.start, 1e-3, 1e-8))
@@ -147,7 +148,9 @@ class ArticulatedHand:
         twists = TURNS.start + 7 * np.arange(5) + 2
         free = np.setdiff1d(np.arange(6, COUNT), twists)
         inverse = noise * np.linalg.inv(self._slopes().reshape(75, COUNT)[:, free])
-        deviations = np.concatenate([np.zeros(COUNT), FIRST_RATES, agility * ACCELERATIONS[MOVING]])
+        # Standard deviations of the rates in the first frame: 0.5 m/s for shifts and 4 rad/s.
+        rates = np.where(MOVING < 3, 0.5, 4.0)
+        deviations = np.concatenate([np.zeros(COUNT), rates, agility * ACCELERATIONS[MOVING]])
         self.covariance = np.diag(deviations**2)
         self.covariance[np.ix_(free, free)] = inverse @ inverse.T
 

@@ -111,7 +111,15 @@ class HandFrame:
         # ``vars`` bypasses the frozen dataclass.
         vars(self).update(time=float(self.time), sequence=int(self.sequence))
         if self.landmarks is not None:
-            with _as_faulty_frame(_LANDMARK_FAULTS):
+            with _as_faulty_frame(
+                {
+                    "not_finite": "half_lost",
+                    "joint_count": "unknown_count",
+                    "empty": "unknown_count",
+                    "not_in_metres": "not_in_metres",
+                    "bone_length": "impossible",
+                }
+            ):
                 joints_of(self.landmarks, word="landmark")
             count = len(self.landmarks)
             object.__setattr__(self, "landmarks", fixed(self.landmarks[1 if count == 26 else 0 :]))
@@ -169,16 +177,6 @@ class HandFrame:
                 code="data_missing",
             )
         return hand_from_joints(self.landmarks, radii, side=self.side)
-
-
-# Fault of a frame for each error code of its landmarks.
-_LANDMARK_FAULTS: dict[str, Fault] = {
-    "not_finite": "half_lost",
-    "joint_count": "unknown_count",
-    "empty": "unknown_count",
-    "not_in_metres": "not_in_metres",
-    "bone_length": "impossible",
-}
 
 
 @contextmanager

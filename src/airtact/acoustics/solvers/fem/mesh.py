@@ -27,9 +27,6 @@ from airtact.geometry.mesh.triangles import QuadraticTriangles, area_vectors
 from airtact.geometry.mesh_shape import placed_on
 from airtact.geometry.shape import Shape
 
-# Ratio of the longest edge to the nominal edge length.
-MAX_EDGE_RATIO = 1.5
-
 # Ratio of the edge length along a bend to the length over which the bend turns by one radian.
 BEND_RATIO = 0.6
 
@@ -60,7 +57,7 @@ class SurfaceMesh:
 
 def surface_mesh(shapes: Sequence[Shape], edge: float) -> SurfaceMesh:
     """Cover the surfaces of bodies with triangles of a nominal edge length [m], using MMG."""
-    largest = MAX_EDGE_RATIO * edge
+    largest = 1.5 * edge  # the longest edge
     rough = [shape.coarse_meshes(largest) for shape in shapes]
     vertices, triangles, middles, body = [], [], [], []
     count = 0

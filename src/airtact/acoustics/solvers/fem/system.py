@@ -122,10 +122,6 @@ def _plain(number: complex) -> complex | float:
     return number if number.imag else number.real
 
 
-# Highest quadrature order in tetrahedra; NGSolve 6.2.2608 mixes up the points of higher orders.
-MAX_RULE_ORDER = 5
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class QuadraturePoints:
     """Quadrature points on the surfaces of the bodies, or inside filled bodies.
@@ -187,9 +183,11 @@ def quadrature(mesh: CurvedMesh, space: FiniteSpace, kind: str, order: int) -> Q
     within = np.tile(np.arange(per_element), len(mapped) // per_element)
     chosen = matrix.tocsc()[:, mapped["nr"].astype(np.int64) * per_element + within]
     points = np.asarray(ngsolve.CF((ngsolve.x, ngsolve.y, ngsolve.z))(mapped)).reshape(-1, 3)
-    normals = np.zeros_like(points)
-    if on_surface:
-        normals = -np.asarray(ngsolve.specialcf.normal(3)(mapped)).reshape(-1, 3)
+    normals = (
+        -np.asarray(ngsolve.specialcf.normal(3)(mapped)).reshape(-1, 3)
+        if on_surface
+        else np.zeros_like(points)
+    )
     # Integrating 1 against each point gives the area or volume of that point.
     ones = np.zeros(space.ndof)
     ones[: mesh.nv] = 1.0  # the shape functions of the vertices add up to 1 everywhere
@@ -352,7 +350,8 @@ def assembled(
             space=space,
             form=form,
             surface=quadrature(mesh, space, "surface", order + 2),
-            interior=quadrature(mesh, space, "body", min(order + 1, MAX_RULE_ORDER)),
+            # NGSolve 6.2.2608 mixes up the quadrature points of tetrahedra at orders above 5.
+            interior=quadrature(mesh, space, "body", min(order + 1, 5)),
             coarse_surface=quadrature(mesh, space, "surface", max(order - 2, 3)),
             weights=boundary_weights(scene),
             method=method,

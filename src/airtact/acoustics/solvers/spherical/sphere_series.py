@@ -154,12 +154,11 @@ class SphereModes:
             If 20000 terms do not reach ``ACCURACY``, for example at a point within micrometres of a
             source on the surface.
         """
-        if inside and self.inner_wavenumber is not None:
-            point_waves = regular_ratios(
-                self.inner_wavenumber * radii, self.inner_wavenumber * self.radius
-            )
-        else:
-            point_waves = outgoing_ratios(self.wavenumber * radii, self.size)
+        point_waves = (
+            regular_ratios(self.inner_wavenumber * radii, self.inner_wavenumber * self.radius)
+            if inside and self.inner_wavenumber is not None
+            else outgoing_ratios(self.wavenumber * radii, self.size)
+        )
         waves = zip(
             self.terms(inside),
             point_waves,
@@ -275,9 +274,6 @@ def _summed(
     return None
 
 
-# Number of pairs of point and source that are summed at a time: as many as fit into the cache.
-PAIRS_PER_BLOCK = 1 << 14
-
 _CITATIONS = (
     "J. J. Bowman, T. B. A. Senior, P. L. E. Uslenghi, Electromagnetic and Acoustic Scattering by "
     "Simple Shapes (1987)",
@@ -354,10 +350,10 @@ class SphereField(RadiatedField):
         source_radii = np.maximum(source_radii, self.modes.radius)
         if not inside:
             radii = np.maximum(radii, self.modes.radius)
-        # The points of a block need about the same number of terms, and a block fits into the
-        # cache.
+        # The points of a block need about the same number of terms, and the pairs of point and
+        # source of a block fit into the cache.
         order = np.argsort(KDTree(self.sources.positions).query(points)[0])
-        rows = max(1, PAIRS_PER_BLOCK // len(self.sources.positions))
+        rows = max(1, 2**14 // len(self.sources.positions))
         for first in range(0, len(points), rows):
             index = order[first : first + rows]
             distance = cdist(points[index], self.sources.positions)
