@@ -7,7 +7,7 @@ import click
 
 import airtact as at
 from airtact.cli.console import facts_table, progress, show
-from airtact.cli.options import FILE, INPUT, as_json, given, microphone_face, quiet
+from airtact.cli.options import FILE, INPUT, as_json, given, microphone_face, quiet, setup_for
 
 
 @click.command(
@@ -112,11 +112,9 @@ def calibrate(
             code="options_clash",
         )
     with progress(f"reading {scene.name}") as report_step:
-        from airtact.files.atomic import writable_folder
         from airtact.setup.sensing import calibrate_array
 
-        setup = at.read_scene(scene)
-        writable_folder(out.parent)
+        setup = setup_for(out.parent, scene)
         calibrated, error = calibrate_array(
             setup, echoes, noise if simulate else None, seed, report_step
         )
@@ -156,12 +154,10 @@ def _from_scans(
     with progress(f"reading {scene.name}") as report_step:
         import numpy as np
 
-        from airtact.files.atomic import writable_folder
         from airtact.setup.parsing import parse_scene
         from airtact.setup.sensing import calibrate_from_files
 
-        setup = at.read_scene(scene)
-        writable_folder(out.parent)
+        setup = setup_for(out.parent, scene)
         calibrated = calibrate_from_files(
             setup, scans, elements, drives, at.evaluation.Microphone(**microphone), report_step
         )

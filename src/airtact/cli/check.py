@@ -160,8 +160,12 @@ def _check_surface(
     for accuracy in (0.01, 0.03):
         count = unknowns_of(at.BoundaryElement(accuracy=accuracy), scene, distant)
         unknowns[f"{accuracy:g}"] = count
-        words = f"{count:,} unknowns, about {_memory(count, accuracy)} to solve"
-        facts.append((f"accuracy {accuracy:g}", words))
+        facts.append(
+            (
+                f"accuracy {accuracy:g}",
+                f"{count:,} unknowns, about {_memory(count, accuracy)} to solve",
+            )
+        )
     return (
         [facts_table(facts), repairs_table(surface)],
         (),
@@ -200,12 +204,11 @@ def _scene_tables(setup: "at.Setup", unknowns: int | None) -> Iterator[Table]:
         bodies = plain_table("bodies", "boundary", "triangles", "area")
         for name, obstacle in named.items():
             surface = obstacle.surface
-            waves = surface.area / scene.wavelength**2
             bodies.add_row(
                 escape(name),
                 obstacle.kind,
                 f"{len(surface.triangles):,}",
-                f"{1e4 * surface.area:.1f} cm² = {waves:.0f} λ²",
+                f"{1e4 * surface.area:.1f} cm² = {surface.area / scene.wavelength**2:.0f} λ²",
             )
         yield bodies
     for name, obstacle in named.items():
@@ -226,8 +229,7 @@ def _scene_tables(setup: "at.Setup", unknowns: int | None) -> Iterator[Table]:
     if scene.boards:
         away = ", in reflecting boards"
     elif named:
-        clearance = -scene.depth(array.positions).max()
-        away = f", at least {1e3 * clearance:.0f} mm from the bodies"
+        away = f", at least {-1e3 * scene.depth(array.positions).max():.0f} mm from the bodies"
     else:
         away = ""
     facts = [
@@ -254,8 +256,9 @@ def _scene_tables(setup: "at.Setup", unknowns: int | None) -> Iterator[Table]:
         ("drive", f"{setup.method.replace('_', ' ')}, accuracy {setup.accuracy:g}"),
     ]
     if unknowns is not None:
-        memory = _memory(unknowns, setup.accuracy)
-        facts.append(("unknowns", f"{unknowns:,}, about {memory} to solve"))
+        facts.append(
+            ("unknowns", f"{unknowns:,}, about {_memory(unknowns, setup.accuracy)} to solve")
+        )
     yield facts_table(facts)
 
 

@@ -7,7 +7,17 @@ from rich.table import Table
 
 import airtact as at
 from airtact.cli.console import open_page, plain_table, progress, show
-from airtact.cli.options import INPUT, as_json, open_result, pictures, quiet, results, scene, store
+from airtact.cli.options import (
+    INPUT,
+    as_json,
+    open_result,
+    pictures,
+    quiet,
+    results,
+    scene,
+    setup_for,
+    store,
+)
 
 
 @click.command(
@@ -51,10 +61,8 @@ def compare(
     """
     with progress(f"reading {scene.name}") as report_step:
         from airtact.emission.frame_file import drive_for
-        from airtact.files.atomic import writable_folder
 
-        setup = at.read_scene(scene)
-        writable_folder(folder)
+        setup = setup_for(folder, scene)
         drives = {file.name: drive_for(setup.array, file, board) for file in files}
         result = at.compare(setup, drives=drives, store=store, progress=report_step)
         written = [result.save(folder)]

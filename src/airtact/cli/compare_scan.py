@@ -8,7 +8,16 @@ import click
 
 import airtact as at
 from airtact.cli.console import facts_table, progress, show
-from airtact.cli.options import INPUT, as_json, given, microphone_face, pictures, quiet, results
+from airtact.cli.options import (
+    INPUT,
+    as_json,
+    given,
+    microphone_face,
+    pictures,
+    quiet,
+    results,
+    setup_for,
+)
 
 
 @click.command(
@@ -39,14 +48,13 @@ def compare_scan(scan: Path, scene: Path, folder: Path, pictures: bool, **microp
         import numpy as np
 
         from airtact.errors import about
-        from airtact.files.atomic import whole_file, writable_folder
+        from airtact.files.atomic import whole_file
         from airtact.setup.solving import emitted_drive, verification_solver
         from airtact.timing import Clock
 
         face = at.evaluation.Microphone(**given(**microphone))
         measured = at.evaluation.load_scan(scan)
-        setup = at.read_scene(scene)
-        writable_folder(folder)
+        setup = setup_for(folder, scene)
         emitted, stalled = emitted_drive(setup, Clock(report_step))
         report_step("predicting the field by a solve with all transducers as sources")
         field = verification_solver(setup).radiate(

@@ -68,7 +68,7 @@ def hand(
     from airtact.errors import within
     from airtact.hands.files import CLOUD_ENDINGS
     from airtact.hands.tracking.recordings import is_recording
-    from airtact.setup.exports import check_output
+    from airtact.setup.exports import check_output, write_triangles
 
     kind = "recording" if is_recording(path) else "pose"
     if landmarks is not None:
@@ -94,15 +94,20 @@ def hand(
     if edge is not None:
         within(edge, 0.8e-3, 20e-3, "edge", "m")
     with progress() as report_step:
+        from airtact.reports.page import write_picture
+
         if landmarks is not None:
-            facts, lines = _fit(path, landmarks, file, camera, edge, report_step)
+            facts, notes, triangles, figure = _fit(path, landmarks, file, camera, edge, report_step)
         else:
-            facts, lines = _skin(path, file, gap, frame, leave_out, edge or EDGE, report_step)
-    show(facts_table(facts), lines=lines)
-
-
-# Facts by name, and lines that name the written files
-Shown = tuple[list[tuple[str, str]], list[str]]
+            facts, notes, triangles, figure = _skin(
+                path, file, gap, frame, leave_out, edge or EDGE, report_step
+            )
+        report_step(f"writing {file.name}")
+        write_triangles(file, triangles)
+        picture = file.with_suffix(".png")
+        report_step(f"drawing {picture.name}")
+        write_picture(picture, figure)
+    show(facts_table(facts), lines=[*notes, f"Skin: {file}", f"Picture: {picture}"])
 
 
 def _skin(
@@ -113,8 +118,8 @@ def _skin(
     leave_out: bool,
     edge: float,
     report_step: Progress,
-) -> Shown:
-    """Write the skin of a pose, or of a frame of a recording."""
+) -> "tuple[list[tuple[str, str]], list[str], QuadraticTriangles, Figure]":
+    """Return facts, notes, skin and picture of a pose, or of a frame of a recording."""
     from airtact.files.atomic import writable_folder
     from airtact.hands.tracking.recordings import is_recording, load_recording
     from airtact.reports.body_figure import draw_panels
@@ -128,8 +133,7 @@ def _skin(
             messages.append(("format", recording.note))
         # Frames without landmarks have no skin.
         frames = {item.sequence: item for item in recording.frames if item.landmarks is not None}
-        if number is None:
-            number = min(frames, default=0)
+        number = min(frames, default=0) if number is None else number
         if number not in frames:
             raise at.InvalidInput(
                 f"{path.name} has no frame {number} with landmarks. {len(frames)} of "
@@ -143,11 +147,12 @@ def _skin(
     writable_folder(file.parent)
     report_step(f"meshing the skin with triangles of {1e3 * edge:.3g} mm")
     triangles = posed.shape.panels(edge)
-    lines = _write(triangles, file, draw_panels(triangles), report_step)
     places = {name: point for name, (point, _) in posed.places.items()}
     return (
         messages + _facts(posed.side, posed.shape, triangles, places),
-        [*(f"Note: {touch.note}." for touch in posed.touches), *lines],
+        [f"Note: {touch.note}." for touch in posed.touches],
+        triangles,
+        draw_panels(triangles),
     )
 
 
@@ -158,7 +163,7 @@ def _fit(
     camera: tuple[float, float, float] | None,
     edge: float | None,
     report_step: Progress,
-) -> Shown:
+) -> "tuple[list[tuple[str, str]], list[str], QuadraticTriangles, Figure]":
     # Without ``edge``, the fitted surface keeps its triangles.
     import numpy as np
 
@@ -179,15 +184,13 @@ def _fit(
         shape.quadratic_triangles if isinstance(shape, MeshShape) else shape.panels(edge or EDGE)
     )
     distances = -shape.depth(fitted.points)  # positive outside
-
-    lines = _write(triangles, file, draw_cloud(triangles, fitted, distances), report_step)
     points = np.array([point for point, _ in fitted.hand.places.values()])
     places = dict(zip(fitted.hand.places, shape.project(points), strict=True))
     # Outliers, such as points on a sleeve, are not part of the skin.
     used = ~fitted.outliers
-    usual = float(np.median(np.abs(distances[used])))
-    joint_error = float(np.sqrt(np.mean(fitted.joint_errors**2)))
-    return [
+    usual = np.median(np.abs(distances[used]))
+    joint_error = np.sqrt(np.mean(fitted.joint_errors**2))
+    facts = [
         *_facts(fitted.hand.side, shape, triangles, places),
         (
             "points used",
@@ -195,22 +198,8 @@ def _fit(
             f"{1e3 * usual:.1f} mm",
         ),
         ("standard deviation of the joints", f"{1e3 * joint_error:.1f} mm"),
-    ], lines
-
-
-def _write(
-    triangles: "QuadraticTriangles", file: Path, figure: "Figure", report_step: Progress
-) -> list[str]:
-    """Write a skin and its picture; return lines that name the files."""
-    from airtact.reports.page import write_picture
-    from airtact.setup.exports import write_triangles
-
-    report_step(f"writing {file.name}")
-    write_triangles(file, triangles)
-    picture = file.with_suffix(".png")
-    report_step(f"drawing {picture.name}")
-    write_picture(picture, figure)
-    return [f"Skin: {file}", f"Picture: {picture}"]
+    ]
+    return facts, [], triangles, draw_cloud(triangles, fitted, distances)
 
 
 def _facts(
@@ -225,13 +214,17 @@ def _facts(
         smallest_angles,
     )
 
-    area = 1e4 * panel_areas(triangles).sum()
-    volume = 1e6 * enclosed_volume(triangles)
-    angle = smallest_angles(triangles).min()
     facts = [
         ("hand", f"{side}, {1e3 * shape.extent:.0f} mm across"),
-        ("area, volume", f"{area:.0f} cm², {volume:.0f} cm³"),
-        ("panels", f"{len(triangles):,}, smallest angle {angle:.0f}°"),
+        (
+            "area, volume",
+            f"{1e4 * panel_areas(triangles).sum():.0f} cm², "
+            f"{1e6 * enclosed_volume(triangles):.0f} cm³",
+        ),
+        (
+            "panels",
+            f"{len(triangles):,}, smallest angle {smallest_angles(triangles).min():.0f}°",
+        ),
     ]
     for name, point in places.items():
         depth = float(shape.depth(point[None])[0])

@@ -125,13 +125,12 @@ def live(
             verified = at.live.verify_session(recorded, report_step=report_step)
         table = plain_table("emitted at", "based on", "weakest focus", "of the attainable")
         rows = []
-        start = recorded.time_in_air[0]
         for index, pressures, kept in zip(
             verified.indices, verified.pressures.tolist(), verified.kept.tolist(), strict=True
         ):
             # Drives with fewer foci than others are padded with NaN.
             pressures = [pressure for pressure in pressures if pressure == pressure]
-            time = float(recorded.time_in_air[index] - start)
+            time = float(recorded.time_in_air[index] - recorded.time_in_air[0])
             table.add_row(
                 f"{time:.2f} s",
                 recorded.rules[index],
@@ -191,9 +190,8 @@ def live(
             report_step=report,
             report=report,
         )
-    written = str(folder / FILE)
     show(
         facts_table(done.facts()),
-        lines=[f"Session: {written}"],
-        record={**done.record(), "files": {"session": written}},
+        lines=[f"Session: {folder / FILE}"],
+        record={**done.record(), "files": {"session": str(folder / FILE)}},
     )

@@ -77,21 +77,27 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: Any) -> None
 
     # Turn flat triangles into quadratic ones, with nodes at the midpoints of the edges.
     corners = loaded.corners
-    area = float(panel_areas(triangles).sum())
-    area_before = float(panel_areas(with_middles(corners)).sum())
-    volume = enclosed_volume(triangles)
-    volume_before = float(cone_volumes(corners).sum())
     sizes = plain_table("", "given", "panels")
     sizes.add_row("triangles, panels", f"{len(loaded.triangles):,}", f"{len(triangles):,}")
-    sizes.add_row("area", f"{1e4 * area_before:.4g} cm²", f"{1e4 * area:.4g} cm²")
-    sizes.add_row("volume", f"{1e6 * volume_before:.4g} cm³", f"{1e6 * volume:.4g} cm³")
+    sizes.add_row(
+        "area",
+        f"{1e4 * panel_areas(with_middles(corners)).sum():.4g} cm²",
+        f"{1e4 * panel_areas(triangles).sum():.4g} cm²",
+    )
+    sizes.add_row(
+        "volume",
+        f"{1e6 * cone_volumes(corners).sum():.4g} cm³",
+        f"{1e6 * enclosed_volume(triangles):.4g} cm³",
+    )
     angles = smallest_angles(triangles)
-    worst = f"{angles.min():.1f}°; 1 % of the panels are below {np.percentile(angles, 1):.1f}°"
-    longest = 1e3 * float(longest_edges(triangles).max())
+    longest = 1e3 * longest_edges(triangles).max()
     # Larger deviations than λ/20 change the phase of the reflected sound.
     farthest = float(panels.farthest.max())
     facts = [
-        ("smallest angle", worst),
+        (
+            "smallest angle",
+            f"{angles.min():.1f}°; 1 % of the panels are below {np.percentile(angles, 1):.1f}°",
+        ),
         ("edge", f"{1e3 * edge:.3g} mm requested, longest {longest:.3g} mm"),
         (
             "distance from the triangles",

@@ -116,6 +116,16 @@ def scene_here(context: click.Context, argument: click.Parameter, scene: Path) -
 # Scene file; by default, the one that ``airtact init`` writes
 scene = click.argument("scene", type=INPUT, default="scene.toml", callback=scene_here)
 
+
+def setup_for(folder: Path, scene: Path) -> "at.Setup":
+    """Read a scene, and create the folder for its results."""
+    from airtact.files.atomic import writable_folder
+
+    setup = at.read_scene(scene)
+    writable_folder(folder)
+    return setup
+
+
 open_result = click.option("--open", "opened", is_flag=True, help="Open the report in the browser.")
 
 pictures = click.option(

@@ -6,7 +6,7 @@ import click
 
 import airtact as at
 from airtact.cli.console import open_page, plain_table, progress, show
-from airtact.cli.options import as_json, open_result, pictures, quiet, results, scene
+from airtact.cli.options import as_json, open_result, pictures, quiet, results, scene, setup_for
 
 
 @click.command(
@@ -41,11 +41,7 @@ def reach(
     this point, and includes scattering by the bodies. No drive produces more pressure there.
     """
     with progress(f"reading {scene.name}") as report_step:
-        from airtact.files.atomic import writable_folder
-
-        setup = at.read_scene(scene)
-        writable_folder(folder)
-        result = at.reach(setup, points, accuracy, report_step)
+        result = at.reach(setup_for(folder, scene), points, accuracy, report_step)
         written = [folder / "reach.csv"]
         result.save(written[0])
         if pictures:

@@ -12,7 +12,17 @@ from rich.table import Table
 
 import airtact as at
 from airtact.cli.console import open_page, plain_table, progress, show
-from airtact.cli.options import Names, as_json, open_result, pictures, quiet, results, scene, store
+from airtact.cli.options import (
+    Names,
+    as_json,
+    open_result,
+    pictures,
+    quiet,
+    results,
+    scene,
+    setup_for,
+    store,
+)
 
 # Files of a rendering: the sequence is only for moving foci, the last two only with pictures
 FILES = ("drive.csv", "drive.h5", "sequence.h5", "field.vtkhdf", "report.html")
@@ -48,14 +58,12 @@ def render(
     sequence.h5.
     """
     with progress(f"reading {scene.name}") as report_step:
-        from airtact.files.atomic import writable_folder
         from airtact.setup.rendering import compute, save_files, verify
         from airtact.timing import Clock
 
-        setup = at.read_scene(scene)
+        setup = setup_for(folder, scene)
         if method is not None:
             setup = replace(setup, method=method)
-        writable_folder(folder)
         if pictures:
             # Import Matplotlib while the kernels compute, because this takes half a second.
             Thread(target=import_module, args=["airtact.reports.run_page"], daemon=True).start()

@@ -22,16 +22,21 @@ def selfcheck() -> None:
 
         checked = self_check(report_step)
     threads = f"{checked.threads} {'thread' if checked.threads == 1 else 'threads'}"
-    facts = [
-        ("compiled loops", f"{checked.instructions}, {threads}"),
-        ("requested error", f"{100 * checked.asked:g} %"),
-    ]
     table = plain_table("field", "error", "reference", "error of the reference")
     for field in checked.fields:
-        error = f"{100 * field.error:.2f} %"
-        table.add_row(field.name, error, field.truth, f"{100 * field.reference_error:.1g} %")
+        table.add_row(
+            field.name,
+            f"{100 * field.error:.2f} %",
+            field.truth,
+            f"{100 * field.reference_error:.1g} %",
+        )
     show(
-        facts_table(facts),
+        facts_table(
+            [
+                ("compiled loops", f"{checked.instructions}, {threads}"),
+                ("requested error", f"{100 * checked.asked:g} %"),
+            ]
+        ),
         table,
         warnings=[
             f"{field.name}: the error is {100 * field.error:.2g} %, above the limit of "

@@ -8,7 +8,17 @@ import click
 
 import airtact as at
 from airtact.cli.console import facts_table, open_page, progress, show
-from airtact.cli.options import FILE, as_json, open_result, pictures, quiet, results, scene, store
+from airtact.cli.options import (
+    FILE,
+    as_json,
+    open_result,
+    pictures,
+    quiet,
+    results,
+    scene,
+    setup_for,
+    store,
+)
 
 if TYPE_CHECKING:
     from airtact.setup.sensing import Sensed
@@ -88,25 +98,23 @@ def sense(
     simulates the echoes.
     """
     with progress(f"reading {scene.name}") as report_step:
-        from airtact.files.atomic import whole_file, writable_folder
+        from airtact.files.atomic import whole_file
         from airtact.reports.sense_page import write_sense_page
-        from airtact.setup.sensing import Simulation
-        from airtact.setup.sensing import sense as sense_hand
+        from airtact.setup import sensing
 
         if (echoes is None) != simulate:
             raise at.InvalidInput(
                 "use either a file of echoes (--echoes FILE) or --simulate.", code="data_missing"
             )
-        setup = at.read_scene(scene)
-        writable_folder(folder)
+        setup = setup_for(folder, scene)
         pose = folder / "pose.json"
         page = folder / "report.html"
         source = (
-            Simulation(noise, offset, turn, seed, wider)
+            sensing.Simulation(noise, offset, turn, seed, wider)
             if echoes is None
             else at.sensing.load_echoes(echoes)
         )
-        sensed = sense_hand(setup, source, report_step, store)
+        sensed = sensing.sense(setup, source, report_step, store)
         files = [pose]
         record = {"format_version": 1, **sensed.record()}
         with whole_file(pose) as partial:
@@ -143,9 +151,8 @@ def _facts(sensed: "Sensed") -> list[tuple[str, str]]:
         ("standard deviation", motion(*located.deviation)),
     ]
     if sensed.gap is not None and located.opening is not None:
-        gap = f"{1e3 * located.opening:.3f} mm ({1e3 * sensed.gap:.3f} mm in the scene)"
         facts += [
-            ("gap", gap),
+            ("gap", f"{1e3 * located.opening:.3f} mm ({1e3 * sensed.gap:.3f} mm in the scene)"),
             ("standard deviation of the gap", f"{1e3 * located.opening_deviation:.3f} mm"),
         ]
         if sensed.true_gap is not None:

@@ -63,10 +63,10 @@ def why(
     table = plain_table("after", *(escape(name) for name in explained.foci))
     table.title = "Pressure at each focus, cause by cause"
     for index, cause in enumerate(explained.causes):
-        cells = []
-        for focus, pressure in enumerate(cause.pressures):
-            change = explained.change_in_words(index, focus)
-            cells.append(f"{pressure:,.0f} Pa  {change}".rstrip())
+        cells = (
+            f"{pressure:,.0f} Pa  {explained.change_in_words(index, focus)}".rstrip()
+            for focus, pressure in enumerate(cause.pressures)
+        )
         table.add_row(cause.name, *cells)
     show(
         table,
