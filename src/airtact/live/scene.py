@@ -20,7 +20,15 @@ from airtact.drives.motion import DEFAULT_FRAMES, Motion
 from airtact.drives.sequence import MIN_FRAMES
 from airtact.errors import InvalidInput, fixed, in_short
 from airtact.hands.hand import PLACES, Hand, Side
-from airtact.hands.joints import CHAINS, check_finger_order, cross, joints_of, radii_of, unit
+from airtact.hands.joints import (
+    CHAINS,
+    Joints,
+    check_finger_order,
+    cross,
+    joints_of,
+    radii_of,
+    unit,
+)
 from airtact.setup.bodies import unsided
 from airtact.setup.setup import Setup
 from airtact.touch.objects import VirtualObject
@@ -30,7 +38,6 @@ from airtact.transducers.placement import flush
 
 SIDES: tuple[Side, Side] = ("left", "right")
 
-Joints = Float64[np.ndarray, "25 3"]
 Foci = Float64[np.ndarray, "foci 3"]
 Amplitudes = Complex128[np.ndarray, "elements"]
 Frames = Complex128[np.ndarray, "frames elements"]
@@ -198,7 +205,7 @@ def live_scene(setup: Setup) -> LiveScene:
         hands. If a path leaves the skin, has more than 64 frames, or has frames shorter than one
         period of the sound.
     """
-    name = _file_name(setup)
+    name = "the setup" if setup.path is None else setup.path.name
     check_no_boards(setup.scene, "live")
     on_hand = [place for place in setup.riding if place and unsided(place[0]) in PLACES]
     # A scene without foci must contain objects, whose contacts then define the foci.
@@ -265,16 +272,12 @@ def live_scene(setup: Setup) -> LiveScene:
         both=both,
     )
     if isinstance(setup.modulation, Motion) and not both:
-        return replace(scene, moving=_moving_foci(setup, setup.modulation, scene))
+        return replace(scene, moving=_moving_foci(setup, setup.modulation, scene, name))
     return scene
 
 
-def _file_name(setup: Setup) -> str:
-    return "the setup" if setup.path is None else setup.path.name
-
-
-def _moving_foci(setup: Setup, motion: Motion, scene: LiveScene) -> MovingFoci:
-    """Attach the paths of a scene file to the bones of the hand."""
+def _moving_foci(setup: Setup, motion: Motion, scene: LiveScene, name: str) -> MovingFoci:
+    """Attach the paths of a scene file, called ``name`` in messages, to the bones of the hand."""
     foci = len(scene.places)
     target = setup.target
     if motion.through_points(foci):
@@ -294,14 +297,14 @@ def _moving_foci(setup: Setup, motion: Motion, scene: LiveScene) -> MovingFoci:
     shifts = np.repeat(shifts, repeat, axis=0)
     if len(places) > 64:  # each pose requires a drive for every frame
         raise InvalidInput(
-            f"{_file_name(setup)}: live supports paths of at most 64 frames, but this path has "
+            f"{name}: live supports paths of at most 64 frames, but this path has "
             f"{len(places)}: use frames = {DEFAULT_FRAMES}.",
             code="sizes_differ",
         )
     rounds = motion.turns(paths)
     if rounds * len(places) > setup.frequency:
         raise InvalidInput(
-            f"{_file_name(setup)}: a path of {len(places)} frames, repeated at {rounds:g} Hz, "
+            f"{name}: a path of {len(places)} frames, repeated at {rounds:g} Hz, "
             f"requires {rounds * len(places):g} frames/s. A frame must last at least one period of "
             f"the sound: use {setup.frequency / len(places):.4g} Hz or less.",
             code="out_of_range",

@@ -192,10 +192,10 @@ class SessionWriter:
             "joints": moment.joints,
         }
         if self._scene.both:
-            row["foci"] = _padded(moment.foci, (MOST_FOCI, 3))
-            row["strengths"] = _padded(moment.strengths, (MOST_FOCI,))
-            row["contacts"] = _padded(moment.contacts, (MOST_CONTACTS, 3))
-            row["depths"] = _padded(moment.depths, (MOST_CONTACTS,))
+            row["foci"] = padded(moment.foci, (MOST_FOCI, 3))
+            row["strengths"] = padded(moment.strengths, (MOST_FOCI,))
+            row["contacts"] = padded(moment.contacts, (MOST_CONTACTS, 3))
+            row["depths"] = padded(moment.depths, (MOST_CONTACTS,))
             row["other"] = moment.other
         self._take("drives", row)
 
@@ -267,14 +267,14 @@ class SessionWriter:
         return columns
 
 
-def _padded(
+def padded(
     values: Float64[np.ndarray, "*some"] | None, shape: tuple[int, ...]
 ) -> Float64[np.ndarray, "*most"]:
     """Pad the first axis of ``values`` with NaN to the given shape."""
-    padded = np.full(shape, np.nan)
+    filled = np.full(shape, np.nan)
     if values is not None:
-        padded[: len(values)] = values
-    return padded
+        filled[: len(values)] = values
+    return filled
 
 
 def _rounded(amplitudes: Complex64[np.ndarray, "drives elements"]) -> np.ndarray:

@@ -16,7 +16,7 @@ from airtact.errors import InvalidInput, fixed, in_short
 from airtact.hands.hand import Hand, Side
 from airtact.hands.joints import radii_of
 from airtact.live.scene import SIDES, Foci, Joints, foci_on
-from airtact.live.session import Session
+from airtact.live.session import Session, padded
 from airtact.setup.parsing import parse_scene
 from airtact.setup.setup import Setup
 from airtact.timing import Progress, no_progress
@@ -125,10 +125,9 @@ def verify_session(
             "record a longer session.",
             code="empty",
         )
-    padded = np.full((len(pressures), max(map(len, pressures))), np.nan)
-    for row, values in zip(padded, pressures, strict=True):
-        row[: len(values)] = values
-    return VerifiedSession(tuple(indices), fixed(padded), fixed(np.array(kept)))
+    most = max(map(len, pressures))
+    table = np.array([padded(row, (most,)) for row in pressures])
+    return VerifiedSession(tuple(indices), fixed(table), fixed(np.array(kept)))
 
 
 def differing_tables(session: Session, setup: Setup) -> list[str]:

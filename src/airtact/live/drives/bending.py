@@ -17,7 +17,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Complex64, Complex128, Float32, Float64, Int64
+from jaxtyping import Bool, Complex64, Complex128, Float64, Int64
 from scipy.interpolate import RBFInterpolator
 from scipy.sparse import csr_array
 from scipy.spatial.distance import cdist
@@ -34,18 +34,17 @@ from airtact.errors import in_short
 from airtact.geometry.mesh.triangles import QuadraticTriangles
 from airtact.hands.body import FREE, OWNER, PARTS
 from airtact.hands.hand import Hand
-from airtact.hands.joints import CHAINS, cross
+from airtact.hands.joints import CHAINS, Points, cross
 from airtact.hands.kinematics import bending_axis
 from airtact.hands.shape import hull_weights
 from airtact.live.drives.factors import ACCURACY, Factors, HandFactors, part_of
 from airtact.live.drives.moving import phasors
-from airtact.live.scene import Foci, Joints, LiveScene, PosedHand, gap_change, pose_hand
+from airtact.live.scene import Joints, LiveScene, PosedHand, gap_change, pose_hand
 
 # Share of the elements that a panel must face. Omitting all other panels halves the number of
 # unknowns and reduces the pressure by 1 %.
 MIN_SEEN = 0.5
 
-Points = Float64[np.ndarray, "points 3"]
 # Weight of each bone in the motion of each point.
 Weights = Float64[np.ndarray, "points hulls"]
 
@@ -198,7 +197,10 @@ class SkinSources:
             )
             waves[part] = (scattered / straight).T
         # Without the phase of the path through the centre, the waves vary slowly over the array.
-        waves *= phasors(-wavenumber.real * detours(centres, posed.foci, elements))
+        begun = np.linalg.norm(centres - posed.foci, axis=2)
+        through = cdist(centres.reshape(-1, 3), elements).reshape(*begun.shape, -1)
+        detours = (begun[..., None] + through - cdist(posed.foci, elements)).astype(np.float32)
+        waves *= phasors(-wavenumber.real * detours)
         waves = subset.interpolated(waves)
         # Share of the pressure lost by moving a solution far: at most 0.17, at a change of 5 mm.
         # Fitted to 32 pairs of poses of an open, waving hand with foci at the palm and fingertips.
@@ -209,7 +211,14 @@ class SkinSources:
             foci=posed.foci,
             distances=posed.distances,
             directions=posed.directions,
-            factors=_detoured(scene, centres, posed.foci, self.straight, waves),
+            factors=_kernels.detoured_waves(
+                centres,
+                posed.foci,
+                scene.with_images.array.positions,
+                self.straight,
+                waves,
+                wavenumber.real,
+            ),
             share=1.0 - 0.17 * (1.0 - np.exp(-change / 5e-3)),
             straight=self.straight,
             bones=bones,
@@ -243,29 +252,15 @@ class CarriedFactors(HandFactors):
         # Rotations are applied from the right, because each row is a point.
         turns, shifts = self.bones.motions_to(bones_of(posed.hand))
         centres = self.centres @ turns + shifts[:, None]
-        return _detoured(scene, centres, posed.foci, self.straight, self.waves)
-
-
-def _detoured(
-    scene: LiveScene,
-    centres: Float64[np.ndarray, "hulls foci 3"],
-    foci: Foci,
-    straight: Float64[np.ndarray, "foci"],
-    waves: Complex64[np.ndarray, "hulls foci sources"],
-) -> Factors:
-    """Add the direct sound and the sound scattered by each bone, given the bones' centres [m]."""
-    elements = scene.with_images.array.positions
-    wavenumber = scene.wavenumber.real
-    return _kernels.detoured_waves(centres, foci, elements, straight, waves, wavenumber)
-
-
-def detours(
-    centres: Float64[np.ndarray, "hulls foci 3"], foci: Foci, elements: Points
-) -> Float32[np.ndarray, "hulls foci points"]:
-    """Return the length [m] that a detour via each centre adds to paths from foci to elements."""
-    begun = np.linalg.norm(centres - foci, axis=2)
-    through = cdist(centres.reshape(-1, 3), elements).reshape(*begun.shape, -1)
-    return (begun[..., None] + through - cdist(foci, elements)).astype(np.float32)
+        # Add the direct sound and the sound scattered by each bone.
+        return _kernels.detoured_waves(
+            centres,
+            posed.foci,
+            scene.with_images.array.positions,
+            self.straight,
+            self.waves,
+            scene.wavenumber.real,
+        )
 
 
 class BendingPanels:

@@ -121,9 +121,8 @@ class HandAware(SolvingMaker):
         self._scene = scene
         self._predictor = Predictor(0.0, noise, agility)
         self._open_air = OpenAir(scene)
-        self._rounds: Rounds | None = None
-        if scene.moving is not None:
-            self._rounds = Rounds(scene, scene.moving, self._open_air.rows)
+        moving = scene.moving
+        self._rounds = None if moving is None else Rounds(scene, moving, self._open_air.rows)
         self._parts = solved_for(scene)
         self._libraries = {part: Library(part, scene) for part in self._parts}
         if solvers is None:

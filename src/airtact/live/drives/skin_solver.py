@@ -21,13 +21,12 @@ from airtact.acoustics.solvers.shared import monopole_pressure
 from airtact.acoustics.target import Target
 from airtact.errors import InvalidInput, in_short
 from airtact.hands.hand import Hand, Side
-from airtact.hands.joints import joints_of
+from airtact.hands.joints import Points, joints_of
 from airtact.hands.shape import hull_weights, motion
 from airtact.live.drives.bending import BendingPanels, Bones, Weights, bones_of, moved_by_bones
 from airtact.live.drives.factors import ACCURACY
 from airtact.live.scene import SIDES, Joints, LiveScene, PosedHand, hand_in
 
-Points = Float64[np.ndarray, "points 3"]
 Owners = Int64[np.ndarray, "points"]
 
 

@@ -30,7 +30,6 @@ SLICE_SIZE = 0.12
 SLICE_POINTS = 56
 
 Axis = Literal["x", "y", "z"]
-Points = Float64[np.ndarray, "points 3"]
 Vector = Float64[np.ndarray, "3"]
 
 
@@ -61,7 +60,7 @@ class Section:
         """Centre of the slice [m]."""
         return self.foci + self.offset * np.abs(self.axes[2])
 
-    def points(self) -> Points:
+    def points(self) -> Float64[np.ndarray, "points 3"]:
         """Return the points of the slice, row by row from the top [m]."""
         along, up, _ = self.axes
         steps = np.linspace(-0.5, 0.5, SLICE_POINTS) * SLICE_SIZE

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from airtact.acoustics.scene import Plane
 from airtact.drives.methods import FOR_SAMPLES, METHODS
-from airtact.geometry.mesh.triangles import FlatMesh
+from airtact.geometry.mesh.triangles import FlatMesh, Vertices
 from airtact.geometry.pose import Pose
 from airtact.hands.body import Hulls, hand_hulls
 from airtact.hands.joints import hand_length, radii_of
@@ -34,8 +34,6 @@ from airtact.reports.array_figures import spacing, view_of
 from airtact.reports.solids import sheet_of, towards_viewer
 from airtact.reports.viewer import colour_scales, framed, joined, pressure_bytes
 from airtact.transducers.layout import PhasedArray
-
-Vertices = Float64[np.ndarray, "vertices 3"]
 
 
 @dataclass(frozen=True, eq=False)
