@@ -179,9 +179,9 @@ class Player:
             self.link.modulate(envelope, rate)
         else:
             self._next_frame = time.monotonic()
-            self._modulation = None
-            if envelope is not None:
-                self._modulation = Cycle(envelope.tolist(), rate, self._next_frame)
+            self._modulation = (
+                None if envelope is None else Cycle(envelope.tolist(), rate, self._next_frame)
+            )
         if self._emitting and self._paced is None:
             self._transmit(self._now())
 

@@ -42,7 +42,8 @@ def write_methods_page(
         )
     progress("drawing the page")
     best = contest.best
-    equal = _equal_to_best(contest)
+    names = [contender.name for contender in contest.equally_good]
+    equal = ", ".join(name for name in names if name != best.name)
     standing = "produces the highest pressure at the weakest focus"
     if equal:
         standing = (
@@ -71,16 +72,11 @@ def write_methods_page(
             [name, f"{time:.2f} s"] for name, time in {**contest.seconds, **clock.seconds}.items()
         ],
         **_tables(contest, unit),
-        **_pictures(contest, unit, cut, view.peak),
+        **_pictures(contest, unit, cut, view.peak, equal),
         # First compare the best drive with the control, which is the last one.
         space=viewer_values(view, (contest.contenders.index(best), len(emitted) - 1)),
     )
     return (page,)
-
-
-def _equal_to_best(contest: MethodComparison) -> str:
-    names = [contender.name for contender in contest.equally_good]
-    return ", ".join(name for name in names if name != contest.best.name)
 
 
 def _digits(pressure: float) -> str:
@@ -127,7 +123,9 @@ def _tables(contest: MethodComparison, unit: str) -> dict[str, Any]:
     }
 
 
-def _pictures(contest: MethodComparison, unit: str, cut: Cut, peak: float) -> dict[str, Any]:
+def _pictures(
+    contest: MethodComparison, unit: str, cut: Cut, peak: float, equal: str
+) -> dict[str, Any]:
     names = [contender.name for contender in contest.ranked]
     shares = np.array([contest.of_the_bound(contender) for contender in contest.ranked])
     strengths = shares * contest.bound
@@ -141,7 +139,6 @@ def _pictures(contest: MethodComparison, unit: str, cut: Cut, peak: float) -> di
     )
     # Equally good methods produce nearly the same field, so they share one picture.
     drawn = [contest.best, *contest.ranked[len(contest.equally_good) :]]
-    equal = _equal_to_best(contest)
     fields = [
         picture(
             draw_field(

@@ -111,10 +111,8 @@ class Located:
         return float(np.sqrt(self.covariance[6, 6])) if len(self.covariance) > 6 else float("nan")
 
 
-@lru_cache(maxsize=1)
-def _last_matrix(solver: Solver, scene: Scene) -> ScatteringMatrix:
-    # A scene and its matrix cannot change, so further calls with the same scene need no solve.
-    return scattering_matrix(solver, scene)
+# A scene and its matrix cannot change, so further calls with the same scene need no solve.
+_last_matrix = lru_cache(maxsize=1)(scattering_matrix)
 
 
 @lru_cache(maxsize=1)

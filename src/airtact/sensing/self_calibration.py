@@ -332,31 +332,26 @@ class ArrayFit:
         of_gains = np.concatenate([np.sum(model.conj() * residual, axis=axis) for axis in (1, 0)])
         # Board 0 is fixed, so its six unknowns are omitted.
         mixed = np.column_stack([mixed.reshape(2 * elements, unknowns)[:, 6:] * units, of_gains])
-        # The equations are the same for log magnitudes (real parts) and phases (imaginary parts).
+        # The equations of the gains, with reception first, are the same for log magnitudes (real
+        # parts) and phases (imaginary parts).
         parts = np.concatenate([mixed.real, mixed.imag], axis=1)
-        solved = solve(self._gain_equations(np.abs(model) ** 2), parts, assume_a="pos")
-        both = parts.T @ solved
-        count = unknowns - 5
-        eliminated = both[:count, :count] + both[count:, count:]
-        squares = squares[6:, 6:] * np.outer(units, units) - eliminated[:-1, :-1]
-        return squares, slope[6:] * units - eliminated[:-1, -1]
-
-    def _gain_equations(
-        self, power: Float64[np.ndarray, "elements elements"]
-    ) -> Float64[np.ndarray, "gains gains"]:
-        # These are the equations of the log magnitudes, or of the phases, of all gains, with
-        # reception first.
+        power = np.abs(model) ** 2
         diagonal = np.concatenate([power.sum(axis=1), power.sum(axis=0)])
         typical = diagonal.mean()
-        squares = np.block([[np.zeros_like(power), power], [power.T, np.zeros_like(power)]])
-        squares += np.diag(np.where(diagonal > 0.0, diagonal, typical))
+        gain_squares = np.block([[np.zeros_like(power), power], [power.T, np.zeros_like(power)]])
+        gain_squares += np.diag(np.where(diagonal > 0.0, diagonal, typical))
         # They are singular, because each group has an arbitrary common factor.
         groups = self.groups.reshape(-1)
         signs = np.repeat([1.0, -1.0], len(power))
         for group in np.unique(groups):
             common = signs * (groups == group)
-            squares += np.outer(common, common) * typical / np.count_nonzero(common)
-        return squares
+            gain_squares += np.outer(common, common) * typical / np.count_nonzero(common)
+        solved = solve(gain_squares, parts, assume_a="pos")
+        both = parts.T @ solved
+        count = unknowns - 5
+        eliminated = both[:count, :count] + both[count:, count:]
+        squares = squares[6:, 6:] * np.outer(units, units) - eliminated[:-1, :-1]
+        return squares, slope[6:] * units - eliminated[:-1, -1]
 
 
 def calibrate(

@@ -18,9 +18,7 @@ from airtact.geometry.mesh.triangles import (
 from airtact.geometry.surface import Surface
 from airtact.hands.body import FREE, OWNER
 from airtact.hands.hand import Hand
-from airtact.hands.joints import FINGERS
-
-Points = Float64[np.ndarray, "points 3"]
+from airtact.hands.joints import FINGERS, Points
 
 # Largest number of skin points.
 MAX_POINTS = 100_000
