@@ -20,9 +20,6 @@ from airtact.live.worker import Mailbox, Worker
 from airtact.live.world import World
 from airtact.timing import give_way
 
-# Default port for the page.
-PORT = 8940
-
 # Kind and content of a message from the page. The first message is the address or a fault. Later
 # messages are controls, "emergency", frames of hands, changes to the world, and the shapes that the
 # page has received.
@@ -99,7 +96,7 @@ class PageProcess:
     def __init__(
         self,
         scene: LiveScene,
-        port: int = PORT,
+        port: int,
         host: str = "127.0.0.1",
         hand: Joints | None = None,
         stream: HandStream | None = None,
