@@ -124,6 +124,9 @@ def apply_monopoles(
     wavenumber: complex,
     precision: str,
 ) -> np.ndarray: ...
+def apply_distant(
+    targets: Layer, sources: np.ndarray, density: np.ndarray, error: float
+) -> np.ndarray: ...
 def apply_in_cells(
     cells: Cells, inside: bool, layer: Layer, density: np.ndarray, least: float
 ) -> np.ndarray: ...

@@ -166,6 +166,13 @@ void apply_in_cells(const double *targets, const std::int64_t *first, std::int64
                     const std::complex<double> *single, std::int64_t m, const std::complex<double> *density,
                     std::int64_t sounds, Wavenumber k, double least, std::complex<double> *out);
 
+// out[i, s] = sum_j e^{ikr}/r density[j, s] at target i, or with normals the transposed double layer, sum_j D(x_j, y_i)
+// density[j, s] at node y_i; with a relative error of about `error` over all i, by interpolation between distant clusters, which
+// is faster for thousands of targets and sources. In single precision, with the cluster of the target as origin.
+void apply_distant(const double *targets, const double *normals, const std::complex<double> *single, std::int64_t n,
+                   const double *sources, std::int64_t m, const std::complex<double> *density, std::int64_t sounds, Wavenumber k,
+                   double error, std::complex<double> *out);
+
 // out[i, s] = sum_abc u[i, a] v[i, b] w[i, c] table[first[i] + a steps[0] + b steps[1] + c sounds + s]
 void interpolate(const std::complex<float> *table, const std::int64_t *first, std::int64_t n, const std::int64_t *steps,
                  const float *u, std::int64_t us, const float *v, std::int64_t vs, const float *w, std::int64_t ws,

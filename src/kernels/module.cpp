@@ -55,6 +55,7 @@ struct Variant {
     Far<float> single;
     Far<double> twice;
     decltype(&baseline::apply_in_cells) apply_in_cells;
+    decltype(&baseline::apply_distant) apply_distant;
     decltype(&baseline::interpolate) interpolate;
     decltype(&baseline::detoured_waves) detoured_waves;
     decltype(&baseline::near_pairs) near_pairs;
@@ -84,8 +85,8 @@ struct Variant {
     Dual<Store> { &v::dual_blocks<Store>, &v::dual_low_rank<Store>, &v::dual_product<Store> }
 #define AIRTACT_TABLE(v)                                                                                              \
     { #v, {AIRTACT_DUAL(v, std::uint32_t), AIRTACT_DUAL(v, float), AIRTACT_DUAL(v, double)},                          \
-      AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::apply_in_cells, &v::interpolate, &v::detoured_waves,         \
-      &v::near_pairs, &v::block_order, &v::mark_blocks, &v::few_rounded_products, &v::place_nodes,                    \
+      AIRTACT_FAR(v, float), AIRTACT_FAR(v, double), &v::apply_in_cells, &v::apply_distant, &v::interpolate,          \
+      &v::detoured_waves, &v::near_pairs, &v::block_order, &v::mark_blocks, &v::few_rounded_products, &v::place_nodes,                    \
       &v::panel_distances, &v::closest_on_panels, &v::near_integrals, &v::hull_distances, &v::blended_distance,       \
       &v::hull_gaps, &v::project_on_hulls, &v::grade_sizes, &v::even_pass, &v::gerchberg_saxton,                      \
       &v::surface_integral, &v::normal_derivative }
@@ -432,6 +433,18 @@ static nb::object apply_in_cells(const bound::Cells &cells, bool inside, const b
         active->apply_in_cells(cells.points.data(), cells.first.data(), cells.centres.shape(0), cells.centres.data(), cells.reach,
                                inside, layer.points.data(), layer.normals ? layer.normals->data() : nullptr,
                                layer.single_layer(), layer.size(), density.data(), density.shape(1), layer.k, least, out.data);
+    }
+    return out.array;
+}
+
+static nb::object apply_distant(const bound::Layer &targets, Points sources, Read<Complex, -1, -1> density, double error) {
+    same(density.shape(0), sources.shape(0));
+    const Output<Complex> out({targets.size(), density.shape(1)});
+    {
+        nb::gil_scoped_release release;
+        active->apply_distant(targets.points.data(), targets.normals ? targets.normals->data() : nullptr, targets.single_layer(),
+                              targets.size(), sources.data(), sources.shape(0), density.data(), density.shape(1), targets.k,
+                              error, out.data);
     }
     return out.array;
 }
@@ -851,6 +864,7 @@ NB_MODULE(_kernels, m) {
     m.def("apply_transposed", &apply_transposed, "targets"_a, "layer"_a, "strengths"_a, "precision"_a);
     m.def("apply_double_layer", &apply_double_layer, "targets"_a, "layer"_a, "density"_a, "least"_a, "precision"_a);
     m.def("apply_monopoles", &apply_monopoles, "targets"_a, "sources"_a, "strengths"_a, "wavenumber"_a, "precision"_a);
+    m.def("apply_distant", &apply_distant, "targets"_a, "sources"_a, "density"_a, "error"_a);
     m.def("apply_in_cells", &apply_in_cells, "cells"_a, "inside"_a, "layer"_a, "density"_a, "least"_a);
     m.def("near_excess", &near_excess, "targets"_a, "rows"_a, "panels"_a, "layer"_a, "nodal"_a, "least"_a, "quadrature"_a,
           "precision"_a);

@@ -34,6 +34,26 @@ void add_product(const Real *re, const Real *im, const Real *a, const Real *b, s
 }
 
 template <class Real>
+void sum_products(const Real *weights, const Real *rows, std::int64_t count, std::int64_t some, Real *out) {
+    std::int64_t i = 0;
+    for (; i + together <= some; i += together) {
+        const Real *const row = rows + i * count, *const row1 = row + count, *const row2 = row1 + count, *const row3 = row2 + count;
+        Real x0 = 0, x1 = 0, x2 = 0, x3 = 0;
+#pragma omp simd reduction(+ : x0, x1, x2, x3)
+        for (std::int64_t l = 0; l < count; l++)
+            x0 += weights[l] * row[l], x1 += weights[l] * row1[l], x2 += weights[l] * row2[l], x3 += weights[l] * row3[l];
+        out[i] = x0, out[i + 1] = x1, out[i + 2] = x2, out[i + 3] = x3;
+    }
+    for (; i < some; i++) {
+        const Real *const row = rows + i * count;
+        Real x = 0;
+#pragma omp simd reduction(+ : x)
+        for (std::int64_t l = 0; l < count; l++) x += weights[l] * row[l];
+        out[i] = x;
+    }
+}
+
+template <class Real>
 void add_moments(const Real *u, const Real *v, const Real *re, const Real *im, std::int64_t n, double *out_re, double *out_im) {
     Real m0 = 0, m1 = 0, m2 = 0, m3 = 0, m4 = 0, m5 = 0, l0 = 0, l1 = 0, l2 = 0, l3 = 0, l4 = 0, l5 = 0;
 #pragma omp simd reduction(+ : m0, m1, m2, m3, m4, m5, l0, l1, l2, l3, l4, l5)
@@ -51,6 +71,7 @@ void add_moments(const Real *u, const Real *v, const Real *re, const Real *im, s
                                      std::int64_t, std::int64_t, std::complex<double> *, std::int64_t);               \
     template void add_product<Real>(const Real *, const Real *, const Real *, const Real *, std::int64_t,             \
                                     std::complex<double> &);                                                          \
+    template void sum_products<Real>(const Real *, const Real *, std::int64_t, std::int64_t, Real *);                 \
     template void add_moments<Real>(const Real *, const Real *, const Real *, const Real *, std::int64_t, double *,   \
                                     double *);
 AIRTACT_SUMS(float)

@@ -18,6 +18,10 @@ void add_products(const Real *re, const Real *im, std::int64_t stride, const Rea
 template <class Real>
 void add_product(const Real *re, const Real *im, const Real *a, const Real *b, std::int64_t count, std::complex<double> &out);
 
+// out[i] = sum_l weights[l] row_i[l] of some rows of `count` numbers, one after another
+template <class Real>
+void sum_products(const Real *weights, const Real *rows, std::int64_t count, std::int64_t some, Real *out);
+
 // Adds the sums of n complex numbers times 1, u, v, u², uv and v²
 template <class Real>
 void add_moments(const Real *u, const Real *v, const Real *re, const Real *im, std::int64_t n, double *out_re, double *out_im);

@@ -47,6 +47,9 @@ SingleLayer = Complex128[np.ndarray, "_"]
 # Bounds of each point's panels in the list of panels, and that list.
 NearLists = tuple[Int64[np.ndarray, "_"], Int64[np.ndarray, "_"]]
 
+# Numbers of sources and of receivers from which sums between clusters are faster than plain sums.
+MIN_CLUSTERED = 4096
+
 
 def differences(
     pressure: Callable[[Points], Pressures], points: Points, step: Lengths
@@ -71,8 +74,17 @@ def monopole_pressure(
     strengths: Complex[np.ndarray, "sources excitations"],
     wavenumber: complex,
     precision: str,
+    error: float = 0.0,
 ) -> Pressures:
-    """Return the open-air pressure Σ_j s_j e^{ikr}/r at points [Pa], in float32 or float64."""
+    """Return the open-air pressure Σ_j s_j e^{ikr}/r at points [Pa], in float32 or float64.
+
+    In float32, sums over thousands of sources at thousands of points may have a relative error of
+    about ``error``. They are then interpolated between distant clusters of points and sources.
+    """
+    if precision == "float32" and error > 0 and min(len(points), len(positions)) >= MIN_CLUSTERED:
+        hard = np.empty(0, dtype=np.complex128)
+        receivers = _kernels.Layer(np.ascontiguousarray(points), None, hard, complex(wavenumber))
+        return _kernels.apply_distant(receivers, positions, strengths, error)
     return _kernels.apply_monopoles(points, positions, strengths, complex(wavenumber), precision)
 
 

@@ -29,6 +29,7 @@ from airtact.acoustics.solvers.bem.quadrature import (
     near_quadrature,
 )
 from airtact.acoustics.solvers.shared import (
+    MIN_CLUSTERED,
     Mask,
     NearLists,
     NodeValues,
@@ -344,11 +345,13 @@ def double_layer_transposed(
     near_rule: NearRule,
     precision: str,
     contact: Mask | None = None,
+    error: float = 0.0,
 ) -> NodeValues:
     """Return Σ_i s_i D(x_i, y_j) at each node y_j, for sources of strength s_i at x_i.
 
     This sum is called the transposed double layer. ``contact`` marks points that were projected
-    onto a panel.
+    onto a panel. ``error`` is the allowed relative error of sums over thousands of distant sources,
+    in float32.
     """
     excitations = strengths.shape[1]
     total = np.zeros((len(nodes.points), excitations), dtype=np.complex128)
@@ -364,6 +367,9 @@ def double_layer_transposed(
         if not group.any():
             continue
         sources = points[group]
+        if kind == "float32" and error > 0 and min(len(sources), len(total)) >= MIN_CLUSTERED:
+            total += _kernels.apply_distant(layer, sources, strengths[group], error)
+            continue
         if excitations <= 64:  # BLAS would be slower and would leave threads spinning
             total += _kernels.apply_transposed(sources, layer, strengths[group], kind)
             continue

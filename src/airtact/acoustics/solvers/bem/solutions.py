@@ -81,6 +81,7 @@ class DualSurface:
     wavenumber : k, whose imaginary part is the absorption [rad/m].
     near_rule : integration rule for near panels.
     precision : working precision, "float32" or "float64".
+    error : allowed relative error of sums over thousands of distant sources, in float32.
     """
 
     nodes: Nodes
@@ -88,6 +89,7 @@ class DualSurface:
     wavenumber: complex
     near_rule: NearRule
     precision: str
+    error: float = 0.0
 
 
 def dual_surface(
@@ -96,6 +98,7 @@ def dual_surface(
     near_rule: NearRule,
     precision: str,
     least_thickness: Float64[np.ndarray, "nodes"] | None = None,
+    error: float = 0.0,
 ) -> DualSurface:
     """Build the dual-surface equation, with its second collocation points inside the bodies.
 
@@ -103,14 +106,15 @@ def dual_surface(
     thickness, but at most 0.2 λ.
 
     Sharing each point among three nodes saves a third of the kernel evaluations at equal accuracy.
-    ``least_thickness`` is a lower bound on the thickness at each node [m].
+    ``least_thickness`` is a lower bound on the thickness at each node [m]. ``error`` is that of
+    ``DualSurface``.
     """
     wavelength = 2 * np.pi / wavenumber.real
     # Deeper points would come near the opposite side of a thin body.
     depth = 0.3 * thickness(nodes, THICK_FROM * wavelength, least_thickness)
     inside = (nodes.points - depth[:, None] * nodes.normals).reshape(-1, _kernels.sharing, 3)
     shifted = np.einsum("gsd->gd", inside) / _kernels.sharing  # np.mean takes ten times as long
-    return DualSurface(nodes, shifted, wavenumber, near_rule, precision)
+    return DualSurface(nodes, shifted, wavenumber, near_rule, precision, error)
 
 
 def assemble(
@@ -207,7 +211,12 @@ def direct_right_side(
         if nearest_source(collocation_points, sources, wavelength)[0].min() > wavelength:
             precision = surface.precision
     pressure = monopole_pressure(
-        collocation_points, positions, strengths, surface.wavenumber, precision
+        collocation_points,
+        positions,
+        strengths,
+        wavenumber=surface.wavenumber,
+        precision=precision,
+        error=surface.error,
     )
     count = len(surface.nodes.points)
     return pressure[:count] - 1j * np.repeat(pressure[count:], _kernels.sharing, axis=0)
@@ -241,6 +250,7 @@ def transposed_right_side(
         near_rule=surface.near_rule,
         precision=surface.precision,
         contact=touching,
+        error=surface.error,
     )
     return right, factors
 
@@ -387,7 +397,12 @@ class TransposedSolution:
         wavenumber = self.surface.wavenumber
         if cells is None:
             scattered = monopole_pressure(
-                points, positions, strengths, wavenumber, self.surface.precision
+                points,
+                positions,
+                strengths,
+                wavenumber=wavenumber,
+                precision=self.surface.precision,
+                error=self.surface.error,
             )
         else:
             scattered = cells.sums(monopole_layer(positions, wavenumber), strengths)
@@ -419,6 +434,11 @@ def incident_pressure(
     out = np.empty((len(points), sources.strengths.shape[1]), dtype=np.complex128)
     for group, precision in ((close, "float64"), (~close, "float32")):
         out[group] = monopole_pressure(
-            points[group], sources.positions, sources.strengths, surface.wavenumber, precision
+            points[group],
+            sources.positions,
+            sources.strengths,
+            wavenumber=surface.wavenumber,
+            precision=precision,
+            error=surface.error,
         )
     return out

@@ -537,7 +537,10 @@ class BoundaryElement(Solver):
             near_rule = NearRule(1.1, (3, 3))
         else:
             near_rule = NearRule(1.6, (4, 4))
-        return dual_surface(nodes, scene.wavenumber, near_rule, self.precision, thickness)
+        error = 0.02 * self.accuracy
+        return dual_surface(
+            nodes, scene.wavenumber, near_rule, self.precision, thickness, error=error
+        )
 
     def _discretised(self, scene: Scene, refined: Points) -> tuple[Panels, DualSurface]:
         """Cover the bodies with panels, in the order of the blocks, and place their nodes."""
