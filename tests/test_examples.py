@@ -21,7 +21,7 @@ PRINTED = {
     "autd3_emulator": r"the fields differ by 0\.0\d+ Pa of 67\d\d Pa",
     "finger_over_table": r"with the table: (99\d|100\d) Pa\n.* without the table: 7\d\d Pa",
     "focus": r"45\d\d Pa at the focus with 249 transducers",
-    "hand_landmarks": r"left hand: (79\d|80\d), (79\d|80\d), (79\d|80\d) Pa",
+    "hand_landmarks": r"left hand: (79\d|8[01]\d), (79\d|8[01]\d), (79\d|8[01]\d) Pa",
     "live_websocket": r"[12]\d\d frames received, [1-9]\d+ drives played",
     "opposed_boards": r"(trap at \(.*, 0\.13\d, .*\n){4}",
     "own_array": r"2000 Pa at the fingertip from 91 transducers",

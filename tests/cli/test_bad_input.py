@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.acoustics.solvers.bem import solver as bem_solver
+from airtact.acoustics.solvers.bem import block_matrix
 from airtact.acoustics.solvers.shared import gmres
 from airtact.cli import main
 from faults import facts, raises_code
@@ -213,7 +213,7 @@ def test_a_scene_for_live_that_touches_nothing_yet_is_checked_with_a_warning(tmp
 def test_a_solver_that_does_not_converge_is_reported(tmp_path, capsys, monkeypatch):
     # No closed body was found that needs more than the 120 iterations allowed, so two are allowed
     # here.
-    monkeypatch.setattr(bem_solver, "gmres", lambda *args, **_: gmres(*args[:3], np.inf, 2))
+    monkeypatch.setattr(block_matrix, "gmres", lambda *args, **_: gmres(*args[:3], np.inf, 2))
     scene = write(tmp_path / "scene.toml", [])
     sentence = rejection(capsys, "render", scene, "--out", tmp_path / "out")
     assert re.search(r"relative residual of \d\.\de-\d\d in 2 iterations", sentence)

@@ -49,7 +49,7 @@ def test_foci_are_where_the_fingers_are_nearest(entering, tilt) -> None:
 def test_ratio_of_one_pair_of_fingers() -> None:
     ratio = reproduce.ratio_of(reproduce.Fingers(gap=7.5e-3), reproduce.QUICK)
     # Solved to 1 and 0.5 %: 0.5116, 0.5385, 0.4404
-    assert ratio == pytest.approx([0.5154, 0.5385, 0.4416], abs=1e-3)
+    assert ratio == pytest.approx([0.5133, 0.5385, 0.4417], abs=1e-3)
 
 
 def nodes_of(pressure):

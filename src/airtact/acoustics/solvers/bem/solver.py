@@ -356,7 +356,8 @@ class BoundaryElement(Solver):
         only away from the bodies, as with ``estimate=False``. The factorisation
         takes as long as dozens of solves: 2 s for two fingers with 1,100 unknowns
         each. The time grows as the cube of the number of unknowns per body,
-        to minutes for a hand with 8,000.
+        to minutes for a hand with 8,000. In a cavity, such as a deep groove, the error can
+        be twice ``accuracy``.
 
         Parameters
         ----------
