@@ -82,7 +82,7 @@ class Running:
 
 
 def test_it_runs_at_once_with_what_comes_along(tmp_path, live, capsys):
-    code, found, said = live(*QUICK, *AUDIT, "--out", tmp_path, seconds=1.0)
+    code, found, said = live(*QUICK, *AUDIT, "--out", tmp_path, seconds=3.0)
     assert code == 0, said
     assert found["frames"] > 0
     session = at.live.read_session(tmp_path)
