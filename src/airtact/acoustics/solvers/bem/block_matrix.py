@@ -189,23 +189,28 @@ def iterate(
     right_sides: Complex[np.ndarray, "sides unknowns"],
     transposed: bool,
     tolerance: float,
+    preconditioned: bool = True,
     **options: Any,
 ) -> GmresResult:
     """Solve, by GMRES, a linear system whose matrix is the sum of ``matrices``, or its transpose.
 
-    The inverses of the first matrix's diagonal blocks precondition the system. GMRES then needs a
-    third fewer iterations, and its solution is several times as accurate at the same residual,
-    especially where panels are close to each other. The options are those of ``gmres``.
+    If ``preconditioned``, the inverses of the first matrix's diagonal blocks precondition the
+    system. GMRES then needs a third fewer iterations, and its solution is several times as accurate
+    at the same residual, especially where panels are close to each other. The options are those of
+    ``gmres``.
     """
 
     def product(vectors: Complex[np.ndarray, "sides unknowns"]) -> np.ndarray:
-        vectors = matrices[0].preconditioned(vectors, transposed)
+        if preconditioned:
+            vectors = matrices[0].preconditioned(vectors, transposed)
         total = matrices[0].times(vectors, transposed)
         for matrix in matrices[1:]:
             total += matrix.times(vectors, transposed)
         return total
 
     result = gmres(product, right_sides, tolerance, **options)
+    if not preconditioned:
+        return result
     return replace(result, solution=matrices[0].preconditioned(result.solution, transposed))
 
 

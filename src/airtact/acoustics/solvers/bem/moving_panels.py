@@ -24,7 +24,7 @@ from jaxtyping import Bool, Complex64, Float64
 
 from airtact import _kernels
 from airtact.acoustics.scene import Scene, check_sources
-from airtact.acoustics.solvers.bem.block_matrix import BlockMatrix, iterate
+from airtact.acoustics.solvers.bem.block_matrix import BlockMatrix
 from airtact.acoustics.solvers.bem.layer_potentials import NearRule
 from airtact.acoustics.solvers.bem.quadrature import place_nodes
 from airtact.acoustics.solvers.bem.solutions import (
@@ -45,6 +45,7 @@ from airtact.acoustics.solvers.shared import (
     NodeValues,
     PanelLengths,
     Points,
+    gmres,
 )
 from airtact.acoustics.sources import Monopoles
 from airtact.errors import in_short
@@ -168,7 +169,8 @@ class MovingPanels:
     ) -> NodeValues:
         matrix = assemble(surface, "bfloat16", self.low_rank_error)
         right_sides = np.ascontiguousarray(right.T, dtype=matrix.precision)
-        result = iterate([matrix], right_sides, transposed, tolerance)
+        # At loose tolerances and for few panels, a preconditioner takes longer than it saves.
+        result = gmres(lambda vectors: matrix.times(vectors, transposed), right_sides, tolerance)
         return result.solution.T.astype(np.complex128)
 
 

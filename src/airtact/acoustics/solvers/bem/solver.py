@@ -512,6 +512,8 @@ class BoundaryElement(Solver):
                 right_sides[first : first + group],
                 transposed,
                 tolerance,
+                # One solve at a loose tolerance saves less than the inverse blocks cost.
+                preconditioned=self.estimate,
                 error=0.5 * self.accuracy,
                 most_iterations=600 if scene.boards else 120,
             )
@@ -594,7 +596,9 @@ class BoundaryElement(Solver):
         if self.precision == "float64":
             tolerance = min(0.1 * self.accuracy, 1e-8)
         elif not self.estimate:  # only for receivers far away
-            tolerance = self.accuracy * (0.8 if self.accuracy >= 0.06 else 0.5)
+            tolerance = self.accuracy * (
+                0.8 if self.accuracy >= 0.06 else 0.5 if self.accuracy >= 0.04 else 0.4
+            )
         else:
             # In narrow gaps the error is up to nine times the residual.
             tolerance = max(0.1 * self.max_error, 2e-6)
