@@ -23,7 +23,7 @@ differ by 2 to 4 % from those obtained by solving each sample separately.
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Complex128, Float64, Int64, Real
@@ -88,7 +88,7 @@ class TransferEnsemble(TransferMatrix):
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     seed: int = 0
     left_out: int = 0
-    sampler: "_Sampler | None" = None
+    sampler: Any = None  # a _Sampler, which is not public
 
     def __repr__(self) -> str:
         samples, foci, elements = self.geometry.shape
