@@ -176,6 +176,13 @@ def test_boards_silence_themselves_and_are_released_only_from_silence(boards, li
     assert boards.loudest == 255
 
 
+def test_a_lost_message_does_not_prevent_closing(boards, link) -> None:
+    link.send(random_frame(996))
+    boards.lose = 1
+    link.close()
+    assert boards.loudest == 0
+
+
 def test_an_upload_ends_before_it_plays(boards, link) -> None:
     link.play([random_frame(996, seed) for seed in range(300)], 40_000.0)
     commands = [command for command, _, _ in boards.commands]

@@ -23,7 +23,7 @@ differ by 2 to 4 % from those obtained by solving each sample separately.
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Complex128, Float64, Int64, Real
@@ -73,7 +73,8 @@ class TransferEnsemble(TransferMatrix):
     seed : seed of the samples.
     left_out : number of further samples that were drawn but omitted because they are impossible,
         such as hands that overlap a transducer.
-    sampler : computes further samples; None if the ensemble was not made by ``ensemble``.
+    draw : function that takes a number of samples and a seed and returns the matrices of those
+        samples that are possible; None if the ensemble was not made by ``ensemble``.
 
     Raises
     ------
@@ -88,7 +89,7 @@ class TransferEnsemble(TransferMatrix):
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     seed: int = 0
     left_out: int = 0
-    sampler: Any = None  # a _Sampler, which is not public
+    draw: Callable[[int, int], list[FociRows]] | None = None
 
     def __repr__(self) -> str:
         samples, foci, elements = self.geometry.shape
@@ -122,7 +123,7 @@ class TransferEnsemble(TransferMatrix):
             matrix=self.matrix[rows],
             foci=foci,
             geometry=self.geometry[:, rows],
-            sampler=None,
+            draw=None,
         )
 
     def resampled(self, samples: int, seed: int) -> "TransferEnsemble":
@@ -137,16 +138,12 @@ class TransferEnsemble(TransferMatrix):
             If this ensemble was not made by ``ensemble``, or for the reasons of ``ensemble``.
         """
         check_counts(samples, seed)
-        if self.sampler is None:
+        if self.draw is None:
             raise InvalidInput(
                 "only an ensemble that ensemble() returned can be sampled again.",
                 code="wrong_kind",
             )
-        matrices = [
-            matrix
-            for matrix in self.sampler.matrices(self.sampler.draw(samples, seed))
-            if matrix is not None
-        ]
+        matrices = self.draw(samples, seed)
         if not matrices:
             raise InvalidInput(
                 f"all {samples} samples are impossible: an element is inside a body, or a body or "
@@ -253,7 +250,7 @@ def ensemble(
         wavelength=nominal.wavelength,
         geometry=nominal.matrix[None],
         uncertainty=uncertainty,
-        sampler=sampler,
+        draw=sampler.possible,
     ).resampled(samples, seed)
 
 
@@ -389,6 +386,11 @@ class _Sampler:
                 carried = foci[self.bodies == body]
                 pivots.append((carried if len(carried) else obstacle.surface.vertices).mean(axis=0))
         return draws(self.uncertainty, samples, seed, self.middle, pivots, len(foci))
+
+    def possible(self, samples: int, seed: int) -> list[FociRows]:
+        """Return the transfer matrices of the possible ones among newly drawn samples."""
+        matrices = self.matrices(self.draw(samples, seed))
+        return [matrix for matrix in matrices if matrix is not None]
 
     def matrices(self, samples: Iterable[Draw]) -> Iterator[FociRows | None]:
         """Yield the transfer matrix of each draw, or None for an impossible draw."""

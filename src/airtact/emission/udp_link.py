@@ -247,7 +247,7 @@ class UDPLink(AUTD3Boards):
 
     def _end(self) -> None:
         try:
-            self._done(self._client.close)
+            self._repeated(self._client.close)
         finally:
             self._loop.close()
             self._emulator = None
@@ -272,16 +272,19 @@ class UDPLink(AUTD3Boards):
         return (banks.B0, banks.B1)[self._bank]
 
     def _deliver(self, command: Any) -> None:
+        self._repeated(lambda: self._client.send(command))
+        self._check_lost()
+
+    def _repeated(self, start: Callable[[], Awaitable[Any]]) -> None:
         for left in reversed(range(3)):  # a frame is sent up to 3 times if a board does not answer
             try:
-                self._done(lambda: self._client.send(command))
-                break
+                self._done(start)
+                return
             except self._sdk.Autd3Error as error:
                 # UDP loses packets. A command that the boards reject is not sent again.
                 lost = error.code in (error.TIMEOUT, error.NETWORK)
                 if not lost or left == 0:
                     raise
-        self._check_lost()
 
     def _done(self, start: Callable[[], Awaitable[Any]]) -> Any:
         async def work() -> Any:
