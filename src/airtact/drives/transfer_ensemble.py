@@ -366,14 +366,6 @@ class _Sampler:
         uncertainty = self.uncertainty
         return not (uncertainty.own_position or uncertainty.own_rotation or uncertainty.along_skin)
 
-    @cached_property
-    def pattern(self) -> tuple[Float64[np.ndarray, "angles"], Float64[np.ndarray, "angles"]]:
-        """Sines of angles from an element's axis, and far-field pressures relative to the axis."""
-        sines = np.linspace(0.0, 1.0, 400)
-        directions = np.stack([sines, np.zeros_like(sines), np.sqrt(1.0 - sines**2)], axis=1)
-        wavenumber = self.field.scene.wavenumber.real
-        return sines, np.real(self.array.element.far_pattern(directions, wavenumber))
-
     def draw(self, samples: int, seed: int) -> Iterator[Draw]:
         """Draw samples in which each body moves alone or, without a solver, each group of foci."""
         foci = self.field.sources.positions
@@ -438,8 +430,8 @@ class _Sampler:
         received = self.field.at(points)[:, group].T
         if len(element.weights) > 1:
             cosines = np.einsum("fed,ed->fe", away, self.array.normals @ pose.rotation) / distance
-            sines = slower * np.sqrt(np.maximum(1.0 - cosines**2, 0.0))
-            received = received * np.interp(sines, *self.pattern)
+            wavenumber = slower * self.field.scene.wavenumber.real
+            received = received * element.directivity(cosines, wavenumber)
         return slower * element.sensitivity * received, carrier
 
     # --- one solve per hand ---
@@ -554,11 +546,11 @@ class _Sampler:
                 positions = monopoles.positions[part]
                 away = centres - positions.mean(axis=0)
                 cosines = np.einsum("ed,ed->e", away, axes) / np.linalg.norm(away, axis=1)
-                sines = np.sqrt(np.maximum(1.0 - cosines**2, 0.0))
+                pattern = array.element.directivity(cosines, scene.wavenumber.real)
                 pressure = monopole_pressure(
                     centres, positions, monopoles.strengths[part], scene.wavenumber, "float32"
                 )
-                means += pressure.T * np.interp(sines, *self.pattern)
+                means += pressure.T * pattern
         return strength_in(scene, array) * array.element.sensitivity * means * array.gains
 
     def _at_array(self, field: RadiatedField, draw: Draw) -> FociRows:

@@ -100,8 +100,9 @@ def thin_part(surface: Surface) -> tuple[float, Vector3] | None:
         return shape.thinnest, surface.vertices.mean(axis=0)
     panels = surface.quadratic_triangles
     # The points on each panel are an R2 sequence (M. Roberts, 2018).
-    spacing = max(0.5 * THINNEST, np.sqrt(surface.area / 20_000))
-    count = 1 + (panel_areas(panels) / spacing**2).astype(np.int64)
+    areas = panel_areas(panels)
+    spacing = max(0.5 * THINNEST, np.sqrt(areas.sum() / 20_000))
+    count = 1 + (areas / spacing**2).astype(np.int64)
     number = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
     references = (1 / 3 + number[:, None] * [0.7548776662, 0.5698402910]) % 1.0
     beyond = references.sum(axis=1) > 1.0

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex, Float64, Real
+from jaxtyping import Complex, Float, Float64, Real
 
 from airtact.errors import (
     InvalidInput,
@@ -143,6 +143,21 @@ class Element:
         (D,) complex Σ_j w_j exp(−i k u·x_j) for each direction u; 1 on the axis.
         """
         return np.exp(-1j * wavenumber * (directions @ self.points.T)) @ self.weights
+
+    def directivity(
+        self, cosines: Float[np.ndarray, "*angles"], wavenumber: float
+    ) -> Float64[np.ndarray, "*angles"]:
+        """Return the far-field pressure at angles from the axis, relative to that on the axis.
+
+        ``cosines`` are the cosines of the angles. The result is interpolated in a table of 400
+        angles.
+        """
+        if len(self.weights) == 1:
+            return np.ones_like(cosines)
+        table = np.linspace(0.0, 1.0, 400)
+        directions = np.stack([table, np.zeros_like(table), np.sqrt(1.0 - table**2)], axis=1)
+        sines = np.sqrt(np.maximum(1.0 - cosines**2, 0.0))
+        return np.interp(sines, table, np.real(self.far_pattern(directions, wavenumber)))
 
 
 def monopole(sensitivity: float = DEFAULT_SENSITIVITY) -> Element:
