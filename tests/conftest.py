@@ -1,5 +1,6 @@
 """Every shape in a signature is checked while the tests run."""
 
+import gc
 import shutil
 import signal
 from collections.abc import Callable, Iterator
@@ -19,6 +20,7 @@ import checked_types
 from paths import GENERIC_HAND
 
 mpl.use("Agg")
+gc.disable()  # until all tests are collected, as nearly all that this makes stays
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs of a shell ignore it
 jaxtyping.jaxtyped = checked_types.jaxtyped
@@ -37,6 +39,15 @@ SOFTWARE = [
 ]
 
 _kernels = import_module("airtact._kernels")  # after the hook
+
+
+def pytest_collection_finish() -> None:
+    """Exempt modules and collected tests, which stay to the end, from garbage collection.
+
+    Searching these millions of objects again and again would take a tenth of the time of the tests.
+    """
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(params=_kernels.variants())
