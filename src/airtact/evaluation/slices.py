@@ -17,8 +17,9 @@ from airtact.geometry.surface import Surface
 # Largest number of points at which the field is evaluated for all planes together
 MAX_POINTS = 36_000
 
-# Thickness of the layer at a hard surface in which the pressure is a parabola [wavelengths]
-WALL = 0.25
+# Thickness of the layer at a hard surface in which the pressure is a parabola [wavelengths]. With
+# 0.25, the picture of touch_button is 3.3 % off instead of 1.9 %.
+WALL = 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,14 +241,16 @@ def _pressure(
     if any(obstacle.boundary != "sound_hard" for obstacle in field.scene.obstacles):
         return field.at(points)
     surface = field.on_surface
-    rim = WALL * field.scene.wavelength
-    near = np.abs(depth) < rim
-    away = depth <= -rim
+    wavelength = field.scene.wavelength
+    away = depth <= -WALL * wavelength
+    # Splines also need values in bodies, up to a quarter of a wavelength deep.
+    near = ~away & (depth < 0.25 * wavelength)
     pressure = np.full((len(points), field.sources.strengths.shape[1]), np.nan, dtype=np.complex128)
     if not near.any():
         pressure[away] = field.at(points[away])
         return pressure
-    node = _nearest_nodes(surface, points[near], rim, 1)[1][:, 0]
+    rim = np.where(depth[near] < 0.0, WALL, 0.25)[:, None] * wavelength
+    node = _nearest_nodes(surface, points[near], 0.25 * wavelength, 1)[1][:, 0]
     normals = surface.normals[node]
     height = np.sum((surface.points[node] - points[near]) * normals, axis=1, keepdims=True)
     projections = points[near] + height * normals
@@ -257,7 +260,7 @@ def _pressure(
     rims = evaluated[np.count_nonzero(away) :]
     walls = pressure_on_surfaces(field, projections)
     # The normal derivative vanishes on the wall, so the parabola in the height has no linear term.
-    weight = (depth[near] / rim)[:, None] ** 2
+    weight = (depth[near, None] / rim) ** 2
     pressure[near] = walls + weight * (np.where(np.isfinite(rims), rims, walls) - walls)
     return pressure
 

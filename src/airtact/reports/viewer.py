@@ -227,7 +227,7 @@ def _caption(view: SceneView) -> str:
         sentences.append("Foci move along the dashed lines; the field is shown for foci at rest.")
     if view.surfaces:
         sentences.append(
-            "Values within a quarter of a wavelength of a surface are interpolated, with an error "
+            "Values within a sixth of a wavelength of a surface are interpolated, with an error "
             "of a few per cent."
         )
     return " ".join(sentences)
