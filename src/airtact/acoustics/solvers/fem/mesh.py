@@ -309,8 +309,12 @@ def _tetrahedra(
     for body, inside in enumerate(filled):
         if inside:
             mesh.SetMaterial(BODY + body, f"body{body}")
-    # With faster growth, edges in filled bodies would be twice as long as requested.
-    mesh.GenerateVolumeMesh(maxh=size, grading=0.3 if any(filled) else GRADING)
+    # With faster growth, edges in filled bodies would be twice as long as requested. In several
+    # threads, the mesh is the same, but Netgen's threads wait for each other actively, which takes
+    # ten times as long if other programs use the processors.
+    mesh.GenerateVolumeMesh(
+        maxh=size, grading=0.3 if any(filled) else GRADING, parallel_meshing=False
+    )
     return mesh
 
 
