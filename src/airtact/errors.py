@@ -203,6 +203,34 @@ def of_kind(value: Value, kind: type | UnionType, what: str, instead: str) -> Va
     return value
 
 
+def path_of(path: str | Path, what: str) -> Path:
+    """Check that a path is a text or a ``Path``, and return it as a ``Path``."""
+    return Path(of_kind(path, str | Path, what, "the name of a file or folder"))
+
+
+def shaped(array: Num[np.ndarray, "..."], shape: tuple[int, ...], what: str) -> np.ndarray:
+    """Check that an array consists of numbers and has the right shape, and return the array.
+
+    In ``shape``, -1 stands for any length.
+    """
+    try:
+        numbers = np.asarray(array)
+    except ValueError:  # rows of different lengths
+        numbers = np.asarray(None)
+    if numbers.dtype.kind not in "biufc":
+        raise InvalidInput(
+            f"{what} must be an array of numbers, not {_described(array)}.", code="not_a_number"
+        )
+    fits = [length in (-1, size) for length, size in zip(shape, numbers.shape, strict=False)]
+    if numbers.ndim != len(shape) or not all(fits):
+        raise InvalidInput(
+            f"the shape of {what} is {numbers.shape}, but it must be "
+            f"{str(shape).replace('-1', 'any')}.",
+            code="wrong_shape",
+        )
+    return numbers
+
+
 def _described(value: object) -> str:
     """Describe a wrong value: arrays by shape, numbers and text literally, others by type."""
     if isinstance(value, np.ndarray):

@@ -513,6 +513,7 @@ def _check_off_boards(obstacles: Sequence[Obstacle]) -> None:
 
 def admittances(scene: Scene) -> Complex128[np.ndarray, "bodies"]:
     """Return ρc/Z of each body's surface, which is 0 unless its boundary is "impedance"."""
+    of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
     ratios = [obstacle.ratio for obstacle in scene.obstacles]
     return np.array([0.0 if ratio is None else 1.0 / ratio for ratio in ratios], np.complex128)
 
@@ -523,6 +524,7 @@ def check_outside(scene: Scene, points: Real[np.ndarray, "points 3"], name: str)
     The message calls each point ``name``, such as "focus" or "transducer".
     """
     points = points_of(points, f"{name} points")
+    of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
     check_not_inside(scene.depth(points, within=scene.wavelength), points, name)
     check_before_planes(scene.planes, points, name)
 
@@ -561,7 +563,7 @@ def check_sources(scene: Scene, sources: Monopoles, planes: bool = False) -> Non
 
 def check_no_planes(scene: Scene, solver: str) -> None:
     """Raise an error if ``solver`` does not support the scene's planes or boards."""
-    if scene.planes:
+    if of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)").planes:
         raise InvalidInput(
             f"the scene has {counted(len(scene.planes), 'plane', 'planes')}, which {solver} does "
             "not support: remove the planes, or solve with BoundaryElement (FreeField if there "

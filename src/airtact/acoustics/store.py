@@ -241,7 +241,9 @@ class Stored(Solver):
         if field.scene is not scene:
             # An entry is read with the scene of its key.
             raise InvalidInput(
-                "fields with reflecting boards cannot be stored.", code="not_supported"
+                "fields with reflecting boards are not stored, so each call solves them again; "
+                "call it without a store to avoid this warning.",
+                code="not_supported",
             )
         content = packed(field, key)
         if len(content) > self.most_bytes:

@@ -1,5 +1,6 @@
 """Targets: foci with requested pressures, and points where the pressure is suppressed."""
 
+from collections.abc import Sized
 from dataclasses import dataclass
 from typing import cast
 
@@ -19,6 +20,7 @@ from airtact.errors import (
     one_line,
     points_of,
     real_numbers,
+    shaped,
     span,
 )
 from airtact.geometry.distances import nearest
@@ -125,7 +127,12 @@ class Target:
         suppression_points : (Q, 3) points where the pressure is suppressed [m].
         """
         _check_no_normal(points)
-        if len(points) == 3 and all(np.ndim(coordinate) == 0 for coordinate in points):
+        if (
+            np.iterable(points)
+            and isinstance(points, Sized)
+            and len(points) == 3
+            and all(np.ndim(coordinate) == 0 for coordinate in points)
+        ):
             points = np.asarray(points)[None]
         foci = points_of(cast("np.ndarray", points), "target points")
         _check_near_origin(foci, "focus")
@@ -186,6 +193,7 @@ class Target:
         >>> target.weakest(np.array([900.0, 300.0]))
         0
         """
+        pressures = shaped(pressures, self.weights.shape, "pressures")
         ratios = np.full(len(pressures), np.inf)
         np.divide(pressures, self.weights, out=ratios, where=self.weights > 0.0)
         return int(np.where(ratios <= 1.01 * ratios.min(), pressures, np.inf).argmin())

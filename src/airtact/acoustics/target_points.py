@@ -429,7 +429,7 @@ def text(
     """
     from HersheyFonts import HersheyFonts
 
-    check_count(len(words), spacing)
+    check_count(len(of_kind(words, str, "the words", 'a text such as "AIR"')), spacing)
     for letter in words:
         if not 32 <= ord(letter) < 127:
             raise InvalidInput(
@@ -486,6 +486,7 @@ def svg_path(
     """
     width = positive(width, "the width of the drawing", "m")
     spacing = positive(spacing, "the spacing", "m")
+    of_kind(source, str | Path, "the drawing", "the name of an SVG file or the path in it")
     if isinstance(source, Path) or source.endswith(".svg"):
         name = Path(source).name
         drawing = _checked_drawing(bytes_of(Path(source), MAX_DRAWING_BYTES), name)

@@ -121,6 +121,7 @@ class Drive:
         -------
         The factor by which to multiply the amplitudes of this drive.
         """
+        check_drive(reference, "the reference")
         if held_equal == "peak":
             return reference.peak / self.peak
         # The energy is proportional to the square of the factor.

@@ -9,7 +9,7 @@ from jaxtyping import Complex, Float64, Num, Real
 from airtact.acoustics.solvers.shared import monopole_pressure
 from airtact.acoustics.target_points import even_directions
 from airtact.drives.frame import Frame, frame_at, share_under_cap
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, complex_numbers
 from airtact.transducers.element import DEFAULT_SENSITIVITY
 from airtact.transducers.levels import Levels
 
@@ -48,7 +48,9 @@ def sound_pressure_level(pressure: Num[np.ndarray, "points"]) -> Float64[np.ndar
     [93.98, 0.0]
     """
     with np.errstate(divide="ignore"):
-        return 20.0 * np.log10(np.abs(pressure) / np.sqrt(2.0) / 20e-6)
+        return 20.0 * np.log10(
+            np.abs(complex_numbers(pressure, "pressures")) / np.sqrt(2.0) / 20e-6
+        )
 
 
 def pressures_around(

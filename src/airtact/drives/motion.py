@@ -20,7 +20,15 @@ from airtact.drives.drive import Amplitudes
 from airtact.drives.methods import best
 from airtact.drives.sequence import MIN_FRAMES, Sequence
 from airtact.drives.transfer import MakeDrive, TransferMatrix, check_foci
-from airtact.errors import InvalidInput, check_choice, millimetres, of_kind, positive, within
+from airtact.errors import (
+    InvalidInput,
+    check_choice,
+    millimetres,
+    of_kind,
+    positive,
+    shaped,
+    within,
+)
 
 # Default number of positions on a path around a focus.
 DEFAULT_FRAMES = 16
@@ -206,6 +214,8 @@ def moving_target(target: Target, paths: Paths) -> Target:
     InvalidInput
         If a position is not finite, or is more than 2 m from the origin of the obstacles' frame.
     """
+    of_kind(target, Target, "the target", "Target(points, pressures)")
+    paths = shaped(paths, (len(target.points), -1, 3), "the paths")
     points = paths.transpose(1, 0, 2).reshape(-1, 3)
     phases = 1.0 if target.phases is None else np.exp(1j * target.phases)
     asked = np.tile(target.weights * phases, paths.shape[1])
@@ -257,6 +267,7 @@ def moving_foci(
     """
     of_kind(target, Target, "the target", "moving_target(target, paths)")
     points = len(target.points)
+    positive(foci, "the number of foci", "")
     if points % foci or not points:
         raise InvalidInput(
             f"{points} points cannot be divided evenly into frames with {foci} foci each. Use a "

@@ -8,7 +8,7 @@ from airtact.drives.drive import Drive
 from airtact.drives.gerchberg_saxton import asked_rows, weighted_gerchberg_saxton
 from airtact.drives.max_min import upper_bound
 from airtact.drives.transfer import TransferMatrix
-from airtact.errors import between
+from airtact.errors import between, of_kind
 
 Phases = Float64[np.ndarray, "elements"]
 
@@ -57,7 +57,9 @@ def nearest_drive(
     28.5
     """
     between(share, 0.0, 1.0, "the share", "of the bound", "95 per cent is 0.95.")
-    transfer.check_fits(drive)
+    of_kind(
+        transfer, TransferMatrix, "the transfer matrix", "transfer_matrix(beacons, array)"
+    ).check_fits(drive)
     weighted = TransferMatrix(transfer.matrix * drive.magnitudes, float("nan"))
     rows, requests = asked_rows(weighted, target)
     rows = rows / requests[:, None]

@@ -23,8 +23,10 @@ from airtact.errors import (
     counted,
     in_mm,
     millimetres,
+    number,
     of_kind,
     one_line,
+    shaped,
 )
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray
@@ -84,6 +86,7 @@ class TransferMatrix:
                 "gains and the placement of the array.",
                 code="all_zero",
             )
+        number(self.estimated_error, "the estimated error", "")
         matrix.flags.writeable = False
         object.__setattr__(self, "matrix", matrix)
 
@@ -108,6 +111,7 @@ class TransferMatrix:
 
     def of_rows(self, rows: Int64[np.ndarray, "rows"]) -> "TransferMatrix":
         """Return the transfer matrix with only the given rows, in this order."""
+        rows = shaped(rows, (-1,), "rows")
         foci = None if self.foci is None else self.foci[rows]
         return replace(self, matrix=self.matrix[rows], foci=foci)
 

@@ -1,6 +1,6 @@
 """The field of a drive from an independent solver, the pressure at its foci, and sentences."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -49,6 +49,7 @@ def drive_sources(
         contains boards, but an element does not lie in the face of any board.
     """
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
+    of_kind(drives, Collection, "the drives", "a list of drives")
     if len(drives) == 0:
         raise InvalidInput("there is no drive; pass at least one.", code="too_few")
     for index, drive in enumerate(drives):

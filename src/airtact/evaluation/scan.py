@@ -18,8 +18,11 @@ from airtact.errors import (
     complex_numbers,
     counted,
     in_short,
+    of_kind,
+    path_of,
     points_of,
     real_numbers,
+    shaped,
     within,
 )
 from airtact.files.text_table import read_text_table
@@ -137,7 +140,7 @@ def load_scan(path: str | Path) -> Scan:
         of the file's frame, if the magnitude of a phase exceeds 2π (as in degrees), or if all
         pressures are 0.
     """
-    table = read_text_table(Path(path))
+    table = read_text_table(path_of(path, "the file of a scan"))
     table.require("x", "y", "z", "pressure")
     points = np.stack([table.numbers(name) for name in "xyz"], axis=1)
     pressures = table.numbers("pressure").astype(np.complex128)
@@ -233,6 +236,8 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
     >>> complex(round(overlay.scale.real, 9), round(overlay.scale.imag, 9)), round(overlay.error, 9)
     (-2j, 0.0)
     """
+    of_kind(scan, Scan, "the scan", "load_scan(path)")
+    predicted = shaped(predicted, (-1,), "the prediction")
     if predicted.shape != scan.pressures.shape:
         raise InvalidInput(
             f"got {len(predicted)} predictions for a scan of {len(scan.points)} positions; use "
@@ -289,6 +294,8 @@ def best_shift(
     rms of the deviation divided by the rms of the scan. The shift is 0 if none lowers the error.
     The error is 1 if the search ignores all shifts.
     """
+    of_kind(scan, Scan, "the scan", "load_scan(path)")
+    of_kind(read, Callable, "read", "a function of positions")  # pyright: ignore[reportArgumentType]
 
     def error(shift: Float64[np.ndarray, "3"]) -> float:
         model = read(scan.points + shift)

@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 
 from airtact.acoustics.scene import Scene
 from airtact.drives.drive import Drive
-from airtact.errors import InvalidInput, NotConverged, counted, one_line
+from airtact.errors import InvalidInput, NotConverged, counted, of_kind, one_line
 from airtact.evaluation.metrics import drive_sources
 from airtact.evaluation.scan import Microphone, Scan, fitted, overlay_scan
 from airtact.geometry.pose import Pose
@@ -272,6 +272,8 @@ def calibrate_from_scans(
         With the code "pose_not_found", if the rms deviation of a scan from the fitted field exceeds
         50 % of the scan's rms pressure.
     """
+    of_kind(scans, Sequence, "the scans", "a list of Scan")
+    of_kind(drives, Sequence, "the drives", "a list with one drive per scan")
     if not scans or len(scans) != len(drives):
         raise InvalidInput(
             f"got {counted(len(scans), 'scan', 'scans')} and "
@@ -279,7 +281,7 @@ def calibrate_from_scans(
             "scan.",
             code="sizes_differ",
         )
-    if scene.obstacles or scene.planes:
+    if of_kind(scene, Scene, "the scene", "Scene(medium)").obstacles or scene.planes:
         raise InvalidInput(
             "calibration requires scans of the array alone: use a scene without bodies and planes.",
             code="not_supported",

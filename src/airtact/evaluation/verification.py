@@ -14,7 +14,17 @@ from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive, quantise
 from airtact.drives.head_level import NO_SAFETY_ASSESSMENT, sound_pressure_level
 from airtact.drives.transfer import TransferMatrix, check_foci, transfer_matrix
-from airtact.errors import InvalidInput, Vector, counted, in_mm, of_kind, one_line, points_of, span
+from airtact.errors import (
+    InvalidInput,
+    Vector,
+    counted,
+    in_mm,
+    of_kind,
+    one_line,
+    points_of,
+    shaped,
+    span,
+)
 from airtact.evaluation.metrics import Evaluation, in_real_air, radiate_drives, sensation
 from airtact.evaluation.steepening import steepening
 from airtact.geometry.panels import panels_of
@@ -55,6 +65,9 @@ def radiation_pressure(
     >>> float(wall[0] / (2 * (1000**2 / 2) / (1.293 * 343.1**2)))
     1.0
     """
+    of_kind(medium, Medium, "the medium", "air(celsius)")
+    pressure = shaped(pressure, (-1,), "the pressure")
+    velocity = shaped(velocity, (len(pressure), 3), "the velocity")
     potential = np.abs(pressure) ** 2 / (4.0 * medium.density * medium.sound_speed**2)
     return potential - 0.25 * medium.density * np.sum(np.abs(velocity) ** 2, axis=1)
 
@@ -358,7 +371,9 @@ def verify(
     rounded = quantise(drive, levels).drive()
     if not rounded.amplitudes.any():  # a drive too weak for the levels
         rounded = drive
-    solver = solver.reporting(progress)
+    solver = of_kind(solver, Solver, "the solver", "one such as BoundaryElement()").reporting(
+        progress
+    )
     suppressed = target.suppression_points
     field = radiate_drives(
         scene,

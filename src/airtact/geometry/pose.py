@@ -143,7 +143,15 @@ class Pose:
 
     def rotate(self, vectors: Real[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 3"]:
         """Rotate directions (..., 3) without translating them."""
-        return np.asarray(vectors, dtype=np.float64) @ self.rotation.T
+        try:
+            return np.asarray(vectors, dtype=np.float64) @ self.rotation.T
+        except (TypeError, ValueError):
+            # Checked only after the failure, because the live loop moves points many times a second
+            raise InvalidInput(
+                "a pose moves points of shape (..., 3), but these have another shape or are not "
+                "numbers; pass an array.",
+                code="wrong_shape",
+            ) from None
 
     def inverse(self) -> "Pose":
         """Return the inverse motion."""

@@ -5,7 +5,7 @@ distances to both bodies is at most the gap and their surfaces face each other. 
 angle remain.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import combinations, product
 
 import numpy as np
@@ -72,7 +72,10 @@ def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
     from manifold3d import Manifold, OpType
 
     bodies = [
-        of_kind(body, Surface, f"body {index}", "a Surface") for index, body in enumerate(surfaces)
+        of_kind(body, Surface, f"body {index}", "a Surface")
+        for index, body in enumerate(
+            of_kind(surfaces, Iterable, "the surfaces", "a list of Surface")
+        )
     ]
     gap = within(gap, 0.1e-3, 2e-3, "the gap to be bridged", "m")
     if not bodies:

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.errors import InvalidInput, about, of_kind, points_of, positive
+from airtact.errors import InvalidInput, about, path_of, points_of, positive
 from airtact.files.bounded import json_of, text_of
 from airtact.files.meshes import SUFFIXES, read_node_positions, read_vertices
 from airtact.hands.hand import Hand, hand_from_joints
@@ -61,7 +61,7 @@ def load_hand(path: str | Path, gap: float | None = None) -> Hand:
         If the file is unreadable or does not contain a pose, if the joints do not form a plausible
         hand, or if the gap cannot be reached. The message begins with the name of the file.
     """
-    path = Path(path)
+    path = path_of(path, "the path of a hand")
     with about(path.name or str(path)):
         pose = _read_pose(path)
         hand = hand_from_joints(
@@ -91,7 +91,7 @@ def load_landmarks(path: str | Path) -> tuple[Float64[np.ndarray, "joints 3"], S
         If the file is unreadable or does not contain a pose. The message begins with the name of
         the file.
     """
-    path = Path(path)
+    path = path_of(path, "the path of a hand")
     with about(path.name or str(path)):
         pose = _read_pose(path)
         return np.array(pose.positions_m), side_named(pose.side)
@@ -156,8 +156,7 @@ def load_rigged_hand(path: str | Path, scale: float = 1.0, side: Side | None = N
         joints do not form a plausible hand, or if they bend like those of the other side or too
         little to infer the side.
     """
-    of_kind(path, str | Path, "the path of a hand", "the name of a file")
-    path = Path(path)
+    path = path_of(path, "the path of a hand")
     scale = positive(scale, "scale", "m per unit of the file")
     nodes = read_node_positions(path)
     with about(path.name):
@@ -190,7 +189,7 @@ def load_cloud(path: str | Path) -> Points:
         If the file is missing or unreadable, contains no points or a coordinate that is not finite,
         or does not end in .ply or .xyz.
     """
-    path = Path(path)
+    path = path_of(path, "the path of a cloud")
     suffix = path.suffix.lower()
     if suffix not in CLOUD_ENDINGS:
         raise InvalidInput(

@@ -219,6 +219,7 @@ class Hand:
         """
         height = within(height, 0.0, 1.0, "the height of a hand", "m")
         point, normal = self.place(place)
+        of_kind(array, HasFront, "the array", "one such as flat_boards(1, 1)")
         front = array.normals.mean(axis=0)
         # The mean is small if the unit normals mostly cancel: 0 for a box, 0.5 for a hemisphere.
         if np.linalg.norm(front) < 0.3:

@@ -18,7 +18,7 @@ from airtact.acoustics.target import Target
 from airtact.drives.head_level import HeadLevel
 from airtact.drives.transfer import focus_by_distance
 from airtact.emission.link import LinkFailed
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, of_kind
 from airtact.hands.hand import Hand, Side
 from airtact.hands.tracking.clock import FrameClock, checked_latency
 from airtact.hands.tracking.frame import HandFrame
@@ -210,6 +210,9 @@ def follow(
     LinkFailed
         If the boards fail. All boards that still respond are silenced first.
     """
+    of_kind(scene, LiveScene, "the scene", "live_scene(setup)")
+    of_kind(hands, HandSource, "the hands", "ReceivedHands(port)")
+    of_kind(maker, DriveMaker, "the drive maker", "TouchAware(scene)")
     duration = checked_seconds(seconds)
     output = output or Output()
     if cap is not None:

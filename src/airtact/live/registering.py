@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.spatial.transform import Rotation
 
-from airtact.errors import InvalidInput, in_mm
+from airtact.errors import InvalidInput, in_mm, of_kind, path_of
 from airtact.files.atomic import whole_file
 from airtact.files.bounded import text_of
 from airtact.geometry.pose import Pose
@@ -110,7 +110,7 @@ def elements_to_touch(array: PhasedArray, count: int = 6) -> tuple[int, ...]:
     InvalidInput
         If the count is outside its range.
     """
-    positions = array.positions
+    positions = of_kind(array, PhasedArray, "the array", "one such as surrounding_box()").positions
     if not 3 <= count <= len(positions):
         raise InvalidInput(
             f"{count} touches are not possible: use 3 to {len(positions)}, preferably at least 6.",
@@ -167,6 +167,7 @@ def register_tracker(
         line. If a recording contains too few touches, or touches contradict each other by more than
         10 mm. If the offset is not between 0 and 50 mm or cannot be determined.
     """
+    of_kind(setup, Setup, "the setup", "read_scene(path)")
     chosen = elements_to_touch(setup.array) if elements is None else tuple(elements)
     wrong = [element for element in chosen if not 0 <= element < len(setup.array)]
     if wrong:
@@ -343,6 +344,6 @@ def write_tracker(scene: str | Path, pose: Pose, copy: str | Path | None = None)
         If a file cannot be read or written, or if the scene file defines the tracker other than
         by a table ``[tracker]``.
     """
-    changed = with_tracker(text_of(Path(scene)), pose)
+    changed = with_tracker(text_of(path_of(scene, "the scene file")), pose)
     with whole_file(Path(copy or scene)) as unfinished:
         unfinished.write_bytes(changed.encode())

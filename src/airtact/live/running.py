@@ -9,7 +9,7 @@ from pathlib import Path
 from airtact.drives.drive_file import DriveFile
 from airtact.drives.transfer import focus_by_distance
 from airtact.emission.links import link_to
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, of_kind, path_of
 from airtact.geometry.pose import Pose
 from airtact.hands.tracking.clock import checked_latency
 from airtact.hands.tracking.frame import HandFrame
@@ -166,6 +166,7 @@ def record(
         If an argument is invalid, the port is in use, or no frame was received.
     """
     duration = checked_seconds(seconds)
+    file = path_of(file, "the file of a recording")
     if file.suffix != ENDING:
         raise InvalidInput(
             f"the name of a recording must end in {ENDING}, not in {file.suffix!r}: change "
@@ -234,6 +235,7 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
         If the source does not exist, cannot be read or is the session in ``folder``, or if its port
         is in use.
     """
+    of_kind(setup, Setup, "the setup", "read_scene(path)")
     world = World(setup.objects)
     if source is None and setup.contacts is not None:
         return RecordedHands(touching_motion(setup.contacts, setup.hands), loop=True, world=world)
@@ -248,7 +250,7 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
     path = Path(source)
     path = path / FILE if path.is_dir() else path
     if path.suffix == Path(FILE).suffix:
-        if path.resolve() == (folder / FILE).resolve():
+        if path.resolve() == (path_of(folder, "the folder") / FILE).resolve():
             raise InvalidInput(
                 f"this run would overwrite the session given by --from {source}: change --out.",
                 code="options_clash",
@@ -265,7 +267,7 @@ def received(
     source: str, tracker: Pose | None = None, world: World | None = None
 ) -> ReceivedHands | None:
     """Open the port of a source such as "osc:8766"; return None for sources without a port."""
-    kind, colon, port = source.partition(":")
+    kind, colon, port = of_kind(source, str, "the source", '"osc" or a file').partition(":")
     if kind not in PORTS:
         return None
     if colon and not port.isdecimal():

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial import KDTree
 
-from airtact.errors import InvalidInput, millimetres
+from airtact.errors import InvalidInput, millimetres, of_kind
 from airtact.hands.hand import Hand
 from airtact.hands.joints import BONES, radii_of
 from airtact.hands.tracking.frame import HandFrame
@@ -22,7 +22,7 @@ class Workspace:
     """The region in front of an array in which a hand may be exposed to sound."""
 
     def __init__(self, scene: LiveScene) -> None:
-        self._scene = scene
+        self._scene = of_kind(scene, LiveScene, "the scene", "live_scene(setup)")
         self._elements = KDTree(scene.array.positions)
         self._radius = float(scene.array.element.reach)
 

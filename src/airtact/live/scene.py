@@ -18,7 +18,7 @@ from airtact.acoustics.scene import Plane, check_no_boards
 from airtact.drives.methods import FOR_SAMPLES
 from airtact.drives.motion import DEFAULT_FRAMES, Motion
 from airtact.drives.sequence import MIN_FRAMES
-from airtact.errors import InvalidInput, fixed, in_short
+from airtact.errors import InvalidInput, fixed, in_short, of_kind
 from airtact.hands.hand import PLACES, Hand, Side
 from airtact.hands.joints import (
     CHAINS,
@@ -205,6 +205,7 @@ def live_scene(setup: Setup) -> LiveScene:
         hands. If a path leaves the skin, has more than 64 frames, or has frames shorter than one
         period of the sound.
     """
+    of_kind(setup, Setup, "the setup", "read_scene(path)")
     name = "the setup" if setup.path is None else setup.path.name
     check_no_boards(setup.scene, "live")
     on_hand = [place for place in setup.riding if place and unsided(place[0]) in PLACES]

@@ -25,6 +25,8 @@ from airtact.errors import (
     check_frequency,
     fixed,
     in_short,
+    of_kind,
+    path_of,
 )
 from airtact.files.atomic import writable_folder
 from airtact.files.bounded import datasets_of
@@ -143,7 +145,8 @@ class SessionWriter:
     """
 
     def __init__(self, path: Path, scene: LiveScene, text: str = "") -> None:
-        self.path = path
+        of_kind(scene, LiveScene, "the scene", "live_scene(setup)")
+        self.path = path_of(path, "the path of a session")
         self.dropped: int = 0
         self.fault: str | None = None
         self._scene = scene
@@ -152,7 +155,7 @@ class SessionWriter:
         self._done = Event()
         self._begun = 0.0
         self._process: subprocess.Popen[bytes] | None = None
-        self._lock = lock_folder(writable_folder(path.parent))
+        self._lock = lock_folder(writable_folder(self.path.parent))
 
     def begin(self) -> None:
         """Create or replace the file; the live loop calls this once the boards are connected."""
@@ -519,7 +522,7 @@ def recording_of(path: str | Path) -> Recording:
 
 def _read(path: str | Path, layout: Mapping[str, str]) -> dict[str, Any]:
     """Read a session file, given its path or that of its folder."""
-    path = Path(path)
+    path = path_of(path, "the path of a session")
     path = path / FILE if path.is_dir() else path
     # A session may last for hours, but a file that unpacks to far more bytes than this is damaged.
     largest = max(LARGEST_DATA, 16 * path.stat().st_size) if path.is_file() else LARGEST_DATA

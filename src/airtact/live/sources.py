@@ -9,7 +9,7 @@ from threading import Event, Lock, Thread
 
 import numpy as np
 
-from airtact.errors import InvalidInput, check_choice, positive
+from airtact.errors import InvalidInput, check_choice, of_kind, positive
 from airtact.geometry.pose import Pose, nearest_motion
 from airtact.hands.hand import Hand
 from airtact.hands.tracking.frame import HandFrame
@@ -56,7 +56,7 @@ class HandSource:
     """
 
     def __init__(self, words: str, tracker: Pose | None = None, world: World | None = None) -> None:
-        self.words: str = words
+        self.words: str = of_kind(words, str, "the words", "a text")
         self.world: World = World() if world is None else world
         self.stream: HandStream = HandStream(on_frame=self._arrived, tracker=tracker)
         self.ended: bool = False
@@ -127,7 +127,9 @@ class RecordedHands(HandSource):
     def __init__(
         self, recording: Recording, loop: bool = False, world: World | None = None
     ) -> None:
-        self.frames: tuple[HandFrame, ...] = recording.frames
+        self.frames: tuple[HandFrame, ...] = of_kind(
+            recording, Recording, "the recording", "load_recording(path)"
+        ).frames
         self._loop = loop
         if loop and len(self.frames) < 2:
             raise InvalidInput(

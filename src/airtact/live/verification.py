@@ -12,7 +12,7 @@ from airtact.acoustics.target import Target
 from airtact.acoustics.target_points import outward
 from airtact.drives.methods import best
 from airtact.drives.transfer import transfer_matrix
-from airtact.errors import InvalidInput, fixed, in_short
+from airtact.errors import InvalidInput, fixed, in_short, of_kind
 from airtact.hands.hand import Hand, Side
 from airtact.hands.joints import radii_of
 from airtact.live.scene import SIDES, Foci, Joints, foci_on
@@ -75,7 +75,7 @@ def verify_session(
     NotConverged
         If the solver stops before it converges.
     """
-    scene = session.scene
+    scene = of_kind(session, Session, "the session", "read_session(path)").scene
     playing = np.flatnonzero(session.playing)
     if not len(playing):
         raise InvalidInput(

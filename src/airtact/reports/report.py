@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from airtact.errors import of_kind
+from airtact.errors import of_kind, path_of
 from airtact.files.atomic import writable_folder
 from airtact.setup.comparing import MethodComparison
 from airtact.setup.rendering import Rendering
@@ -41,7 +41,7 @@ def write_report(
     from airtact.reports.run_page import write_run_page
 
     of_kind(result, Rendering | MethodComparison, "the result", "render(setup) or compare(setup)")
-    folder = writable_folder(Path(folder))
+    folder = writable_folder(path_of(folder, "the folder"))
     if isinstance(result, MethodComparison):
         return write_methods_page(result, folder, progress)
     return write_run_page(result, folder, progress)

@@ -240,6 +240,8 @@ def check_elements(echoes: Echoes, array: PhasedArray, name: str) -> None:
 
     ``name`` describes the echoes in the error message.
     """
+    of_kind(echoes, Echoes, f"the {name}", "Echoes(codes, pressures)")
+    of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     if len(echoes.codes) != len(array):
         raise InvalidInput(
             f"the {name} come from an array of {len(echoes.codes)} elements, but this array has "

@@ -555,6 +555,8 @@ def unexplained(
     True
     """
     check_elements(echoes, array, "echoes")
+    of_kind(scattering, ScatteringMatrix, "the scattering", "scattering_matrix(solver, scene)")
+    of_kind(pose, Pose, "the pose", "Pose(rotation, translation)")
     expected = EchoModel.of(
         scattering, array.seen_from(pose), np.asarray(echoes.codes), echoes.receiving
     ).echoes(np.zeros(6))

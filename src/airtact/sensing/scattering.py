@@ -23,7 +23,7 @@ from airtact.acoustics.solvers.problem import Solver, SolveReport
 from airtact.acoustics.solvers.shared import sphere_rule
 from airtact.acoustics.solvers.spherical.multipole_field import ball_of
 from airtact.acoustics.sources import Monopoles
-from airtact.errors import InvalidInput, of_kind, one_line, within
+from airtact.errors import InvalidInput, number, of_kind, one_line, within
 from airtact.sensing.waves import (
     along_motions,
     harmonics,
@@ -390,7 +390,7 @@ def scattering_family(
     True
     """
     of_kind(solver, Solver, "the solver", "one such as BoundaryElement()")
-    middle = 0.5 * (low + high)
+    middle = 0.5 * (number(low, "low", "") + number(high, "high", ""))
     start = middle if start is None else start
     if not -np.inf < low <= start <= high < np.inf or low == high or values not in range(3, 13):
         raise InvalidInput(

@@ -16,7 +16,7 @@ from airtact.acoustics.medium import Medium
 from airtact.acoustics.scene import Scene, check_no_planes
 from airtact.acoustics.solvers.problem import Solver
 from airtact.acoustics.sources import Monopoles
-from airtact.errors import InvalidInput, between, check_seed, complex_numbers, of_kind
+from airtact.errors import InvalidInput, between, check_seed, complex_numbers, of_kind, shaped
 from airtact.sensing.echo_model import EchoModel
 from airtact.sensing.echoes import Codes, Echoes
 from airtact.sensing.scattering import ScatteringMatrix, check_own
@@ -337,7 +337,7 @@ def simulate_echoes(
     """
     of_kind(made_by, Solver | ScatteringMatrix, "made_by", "a solver or a scattering matrix")
     check_placement(scene, array)
-    if len(codes) != len(array):
+    if len(shaped(codes, (-1, -1), "codes")) != len(array):
         raise InvalidInput(
             f"the codes are for {len(codes)} elements, but the array has {len(array)}; use one "
             "row of codes for each element.",

@@ -14,7 +14,7 @@ from airtact.drives.drive import Drive, quantise
 from airtact.drives.head_level import HeadLevel
 from airtact.drives.methods import best
 from airtact.drives.transfer import TransferMatrix, open_air_matrix
-from airtact.errors import in_short
+from airtact.errors import in_short, of_kind
 from airtact.evaluation.metrics import drive_sources
 from airtact.evaluation.steepening import steepening
 from airtact.files.atomic import whole_file
@@ -133,7 +133,7 @@ def why(result: Rendering, kept: float | None = None) -> Explanation:
     >>> [cause.name for cause in at.setup.why(result).causes]  # doctest: +ELLIPSIS
     ['strongest place in open air', 'distance and direction', 'sharing with 1 other focus', ...]
     """
-    setup = result.setup
+    setup = of_kind(result, Rendering, "the result", "render(setup)").setup
     setup.check_no_traps("why")
     target = setup.target
     count = len(target.points)

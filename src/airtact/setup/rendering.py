@@ -19,7 +19,7 @@ from airtact.drives.drive_file import SEQUENCE_FILE
 from airtact.drives.frame import Frame
 from airtact.drives.methods import FOR_SAMPLES
 from airtact.drives.transfer import TransferMatrix, fraction
-from airtact.errors import Vector, of_kind, one_line, point_of
+from airtact.errors import Vector, of_kind, one_line, path_of, point_of
 from airtact.evaluation.comparison import Comparison, body_word, headline, shortfalls
 from airtact.evaluation.comparison import compare as compare_drives
 from airtact.evaluation.metrics import Evaluation, at_weakest, in_real_air
@@ -162,7 +162,7 @@ class Rendering:
 
         Existing files are replaced.
         """
-        return save_files(self, Path(folder))
+        return save_files(self, path_of(folder, "the folder"))
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive
 from airtact.drives.methods import FOR_SAMPLES, METHODS
 from airtact.drives.transfer import TransferMatrix
-from airtact.errors import InvalidInput, about, counted, of_kind, one_line
+from airtact.errors import InvalidInput, about, check_choice, counted, of_kind, one_line
 from airtact.geometry.pose import Pose
 from airtact.setup.parsing import nearest
 from airtact.transducers.boards import poses_of_boards
@@ -246,6 +246,7 @@ class Setup:
 
     def maker(self, method: str) -> Callable[[TransferMatrix, Target], Drive]:
         """Return the function that computes drives (and traps, if any) by a method."""
+        check_choice(method, "the method", tuple(METHODS))
         if not self.traps:
             return METHODS[method]
         from airtact.traps.holding import holding

@@ -25,7 +25,7 @@ from airtact.drives.drive import Drive, quantise
 from airtact.drives.max_min import Stalled
 from airtact.drives.methods import FOR_SAMPLES, method_for
 from airtact.drives.transfer import TransferMatrix, open_air_matrix, transfer_to
-from airtact.errors import counted
+from airtact.errors import counted, of_kind
 from airtact.evaluation.comparison import body_word
 from airtact.setup.setup import Setup
 from airtact.timing import Clock
@@ -257,7 +257,7 @@ def verification_solver(setup: Setup) -> Solver:
     InvalidInput
         If a ``FiniteElement`` solver already has the highest order, 10.
     """
-    if not setup.scene.obstacles:
+    if not of_kind(setup, Setup, "the setup", "read_scene(path)").scene.obstacles:
         return FreeField()
     filled = any(obstacle.boundary == "filled" for obstacle in setup.scene.obstacles)
     if filled and isinstance(setup.solver, at.FiniteElement):

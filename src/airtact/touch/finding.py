@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float64, Int64
 
+from airtact.errors import of_kind
 from airtact.geometry.mesh.triangles import PointLengths
 from airtact.touch.objects import VirtualObject
 from airtact.touch.skin import Points, Skin
@@ -90,6 +91,7 @@ def find(skin: Skin, objects: Sequence[VirtualObject], gap: float = 0.0) -> Cont
     ``ContactArrays`` with one row per contact, empty if there is none. Outside an object, the depth
     is negative and the area 0.
     """
+    of_kind(skin, Skin, "the skin", "skin_of(surfaces)")
     near = _within_reach(skin, objects, gap)
     # One row of depths per object, then one node for each point inside an object.
     depths = np.array([objects[index].depth(skin.points) for index in near])

@@ -8,7 +8,15 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float64, Real
 
-from airtact.errors import InvalidInput, check_choice, millimetres, of_kind, one_line, positive
+from airtact.errors import (
+    InvalidInput,
+    check_choice,
+    millimetres,
+    of_kind,
+    one_line,
+    positive,
+    shaped,
+)
 from airtact.geometry.mesh.triangles import FlatMesh, PointLengths, Vector3
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
@@ -153,7 +161,14 @@ class VirtualObject:
             full_at = self.shape.travel if isinstance(self.shape, Button) else 2e-3
             stiffness = (1.0 - FIRST_STRENGTH) / full_at
         # Start at a fifth of full strength, because a weaker first touch could not be felt.
-        strengths = np.minimum(FIRST_STRENGTH + stiffness * np.maximum(depths, 0.0), 1.0)
+        strengths = np.minimum(
+            FIRST_STRENGTH
+            + stiffness
+            * np.maximum(
+                shaped(depths, shaped(points, (-1, 3), "points").shape[:1], "depths"), 0.0
+            ),
+            1.0,
+        )
         if self.texture is None:
             return strengths
         return strengths * self.texture.heights(self._local(points))

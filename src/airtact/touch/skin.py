@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64, Int64, Real
 
-from airtact.errors import InvalidInput, between, fixed, in_short, of_kind
+from airtact.errors import InvalidInput, between, fixed, in_short, of_kind, shaped
 from airtact.geometry.mesh.triangles import (
     PointLengths,
     area_vectors,
@@ -70,6 +70,15 @@ class Skin:
 
     def __post_init__(self) -> None:
         if self.neighbours is None:
+            for name, shape in (
+                ("points", (-1, 3)),
+                ("normals", (-1, 3)),
+                ("areas", (-1,)),
+                ("triangles", (-1, 3)),
+                ("place", (-1,)),
+            ):
+                shaped(getattr(self, name), shape, name)
+            of_kind(self.places, tuple, "places", "the names of parts")
             ends = edge_ends(self.triangles).reshape(-1, 2)
             # List both directions of each edge once, sorted by their first point.
             pairs = np.unique(np.concatenate([ends, ends[:, ::-1]]), axis=0)

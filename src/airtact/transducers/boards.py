@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int64, Real
 
-from airtact.errors import InvalidInput, counted, fixed, in_short
+from airtact.errors import InvalidInput, counted, fixed, in_short, of_kind
 from airtact.geometry.pose import Pose, nearest_motion
 
 # Radius of a piston for Murata's MA40S4S at 40 kHz, whose case has a radius of 4.95 mm [m]. It is
@@ -166,6 +166,7 @@ def poses_of_boards(
         mm from its position on the board, or if a normal deviates by over 1 mrad.
     """
     board = board_named(board) if isinstance(board, str) else board
+    of_kind(board, Board, "the board", 'the name of one, such as "AUTD3"')
     count = _whole_boards(board, len(positions))
     if not board.placed:
         return [Pose.identity()] * count

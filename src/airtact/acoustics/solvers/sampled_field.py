@@ -23,6 +23,7 @@ from airtact.errors import (
     complex_numbers,
     counted,
     in_mm,
+    path_of,
     points_of,
     positive,
 )
@@ -200,7 +201,7 @@ def load_samples(
         column is a level in dB, ``time_sign`` is unknown, or ``scale`` is not above zero or
         contradicts the file's comment.
     """
-    path = Path(path)
+    path = path_of(path, "the file of samples")
     check_choice(time_sign, "time_sign", ("e^{-iωt}", "e^{+jωt}"))
     table = read_text_table(path)
     with about(path.name):

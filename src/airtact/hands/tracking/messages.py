@@ -12,6 +12,7 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
+from airtact.errors import of_kind
 from airtact.files.bounded import json_of
 from airtact.hands.tracking.formats import STREAMER_LINE, foreign_format, points_of_matrices
 from airtact.hands.tracking.frame import MAX_SEQUENCE, FaultyFrame, HandFrame
@@ -45,6 +46,7 @@ def to_json(frame: HandFrame) -> bytes:
     ``sequence`` and, if the frame contains them, ``landmarks`` and ``cloud`` (lists of points [m]).
     Coordinates keep their frame of reference and are rounded to micrometres.
     """
+    of_kind(frame, HandFrame, "the frame", "HandFrame(time, side, ...)")
     missing = msgspec.UNSET
     landmarks = missing if frame.landmarks is None else np.round(frame.landmarks, 6).tolist()
     cloud = missing if frame.cloud is None else np.round(frame.cloud, 6).tolist()
@@ -72,7 +74,11 @@ def from_json(text: bytes | str) -> HandFrame:
         ``HandFrame`` rejects the values, for example because landmarks are null, NaN or in
         millimetres.
     """
-    raw = text.encode() if isinstance(text, str) else text
+    raw = (
+        text.encode()
+        if isinstance(text, str)
+        else of_kind(text, bytes, "the message", "text or bytes")
+    )
     try:
         message = _message(raw)
     except (msgspec.MsgspecError, ValueError, RecursionError) as error:

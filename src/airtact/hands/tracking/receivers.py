@@ -12,7 +12,7 @@ from contextlib import suppress
 from threading import Lock, Thread
 from typing import TYPE_CHECKING
 
-from airtact.errors import InvalidInput, extra
+from airtact.errors import InvalidInput, extra, number
 from airtact.hands.tracking.stream import HandStream
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ MAX_MESSAGE = 2**22
 
 def bound_socket(kind: socket.SocketKind, host: str, port: int) -> socket.socket:
     """Open a socket that is bound to a port; port 0 selects a free port."""
-    if not 0 <= port <= 65535:
+    if not 0 <= number(port, "the port", "") <= 65535:
         raise InvalidInput(
             f"port {port} does not exist; use 1 to 65535, or 0 for any free port.",
             code="out_of_range",

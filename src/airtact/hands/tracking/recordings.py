@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from airtact.errors import InvalidInput, about, file_fault, in_short, positive
+from airtact.errors import InvalidInput, about, file_fault, in_short, of_kind, path_of, positive
 from airtact.files.atomic import whole_file
 from airtact.files.bounded import check_file, json_of, text_of
 from airtact.hands.tracking.formats import (
@@ -72,7 +72,7 @@ def load_recording(path: str | Path, leave_out: bool = False) -> Recording:
         frame is faulty and ``leave_out`` is False. The message begins with the name of the file and
         states the line or frame.
     """
-    path = Path(path)
+    path = path_of(path, "the path of a recording")
     if path.suffix not in (ENDING, *OTHER_ENDINGS):
         raise InvalidInput(
             f"{path.name}: the name of a recording must end in {ENDING} (or in .json or .txt if "
@@ -158,8 +158,8 @@ def save_recording(path: str | Path, frames: Iterable[HandFrame]) -> None:
         If there are no frames, the file name does not end in ``.jsonl``, or the file cannot be
         written.
     """
-    path = Path(path)
-    frames = tuple(frames)
+    path = path_of(path, "the path of a recording")
+    frames = tuple(of_kind(frames, Iterable, "the frames", "a list of HandFrame"))
     if path.suffix != ENDING or not frames:
         raise InvalidInput(
             f"{len(frames)} frames cannot be written to {path.name}: use at least one frame, and "
@@ -199,7 +199,7 @@ def replay(
     if speed != np.inf:
         positive(speed, "the speed of a replay", "times that of the recording")
     begun = start = None
-    for frame in frames:
+    for frame in of_kind(frames, Iterable, "the frames", "a list of HandFrame"):
         if begun is None or start is None:
             begun = clock()
             start = frame.time

@@ -20,7 +20,7 @@ from airtact.acoustics.solvers.bem.moving_panels import MovingPanels
 from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.solvers.shared import monopole_pressure
 from airtact.acoustics.target import Target
-from airtact.errors import InvalidInput, in_short
+from airtact.errors import InvalidInput, in_short, of_kind
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
 from airtact.hands.body import FREE, OWNER, PARTS, Hulls
@@ -339,6 +339,7 @@ class OpenAir:
     """
 
     def __init__(self, scene: LiveScene) -> None:
+        of_kind(scene, LiveScene, "the scene", "live_scene(setup)")
         self._array = scene.with_images.array
         self._faces = self._array.face_points.reshape(-1, 3)
         # Height of each face along its normal [m].

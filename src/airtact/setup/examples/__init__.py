@@ -3,7 +3,7 @@
 import difflib
 from pathlib import Path
 
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, of_kind, path_of
 
 ENDINGS = (".csv", ".glb", ".json", ".jsonl", ".ply", ".toml")
 
@@ -38,7 +38,9 @@ def example(name: str, endings: tuple[str, ...] = ENDINGS) -> Path:
         for path in sorted(Path(__file__).parent.rglob("*"))
         if path.suffix in endings
     }
-    path = files.get(name.removesuffix(".toml"))
+    path = files.get(
+        of_kind(name, str, "the name of an example", 'one such as "pinch"').removesuffix(".toml")
+    )
     if path is None:
         close = difflib.get_close_matches(name, files, 1)
         meant = f"; did you mean {close[0]}?" if close else "."
@@ -55,7 +57,7 @@ def file_or_example(path: str | Path, endings: tuple[str, ...] = ENDINGS) -> Pat
     A path that contains a folder never refers to an example. The function raises ``InvalidInput``
     if neither the file nor the example exists.
     """
-    file = Path(path)
+    file = path_of(path, "the path")
     if file.exists() or file.name != str(path):
         return file
     try:

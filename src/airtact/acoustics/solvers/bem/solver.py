@@ -55,7 +55,7 @@ from airtact.acoustics.solvers.problem import (
 )
 from airtact.acoustics.solvers.shared import GmresResult, Points
 from airtact.acoustics.sources import Monopoles
-from airtact.errors import InvalidInput, counted, number, points_of
+from airtact.errors import InvalidInput, counted, number, of_kind, points_of, positive
 from airtact.geometry.panels import Panels, covers, panels_of
 from airtact.timing import Clock, Progress
 
@@ -164,6 +164,7 @@ class BoundaryElement(Solver):
 
     def unknowns(self, scene: Scene, sources: Monopoles) -> int:
         """Mesh the bodies, and return the number of unknowns (nodes) that a solve would have."""
+        of_kind(sources, Monopoles, "the sources", "target.beacons()")
         return 6 * sum(map(len, covers(**self._covering(scene, sources.refined_positions))))
 
     def radiate(self, scene: Scene, sources: Monopoles) -> BoundaryField | BoardField:
@@ -584,7 +585,9 @@ class BoundaryElement(Solver):
 
     def panel_edge(self, wavelength: float) -> float:
         """Return the edge length [m] of equilateral panels on hard bodies away from sources."""
-        return wavelength * float(np.sqrt(6 / self.nodes_per_square_wavelength * 4 / np.sqrt(3)))
+        return positive(wavelength, "wavelength", "m") * float(
+            np.sqrt(6 / self.nodes_per_square_wavelength * 4 / np.sqrt(3))
+        )
 
     def _smallest_edge(self, scene: Scene) -> float:
         """Edge length [m] below which panels are not refined near a source."""
@@ -657,7 +660,7 @@ class SharedPanels(Solver):
 
 
 def _check_bodies(scene: Scene) -> None:
-    if not scene.obstacles:
+    if not of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)").obstacles:
         raise InvalidInput("the scene has no obstacles; use FreeField for open air.", code="empty")
     for index, obstacle in enumerate(scene.obstacles):
         if obstacle.boundary == "filled":
