@@ -9,7 +9,7 @@
 // waves is that of E. Candes, L. Demanet, L. Ying, Multiscale Model. Simul. 7 (2009) 1727.
 #include <array>
 
-#include "rows.hpp"
+#include "lines.hpp"
 #include "sums.hpp"
 
 namespace airtact {
@@ -116,8 +116,8 @@ std::vector<Cluster> clusters_of(const double *points, const std::vector<std::in
 }
 
 // e^{ikr}/r, or its inverse, and 1/r, at points of the frame, from a point on its last axis
-template <bool Lossy>
-void waves(const Lined<Real> *at, Real from, Wave<Real> k, bool inverse, Lined<Real> &re, Lined<Real> &im, Lined<Real> &nearness) {
+template <bool Lossy, bool Inverse>
+void waves(const Lined<Real> *at, Real from, Wave<Real> k, Lined<Real> &re, Lined<Real> &im, Lined<Real> &nearness) {
     const std::int64_t n = std::int64_t(at[0].size());
     re.resize(n), im.resize(n), nearness.resize(n);
     for (std::int64_t j = 0; j < n; j += width) {
@@ -133,9 +133,9 @@ void waves(const Lined<Real> *at, Real from, Wave<Real> k, bool inverse, Lined<R
             Real s, c;
             sincospi(k.half_waves * r, s, c);
             one[l] = inverses[l] / 2;
-            const Real size = inverse ? r / left : one[l] * left;
+            const Real size = Inverse ? r / left : one[l] * left;
             a[l] = size * c;
-            b[l] = inverse ? -size * s : size * s;
+            b[l] = Inverse ? -size * s : size * s;
         }
     }
 }
@@ -169,7 +169,7 @@ struct View {
         }
     }
 
-    template <bool Lossy> void place_grid(double from, Wave<Real> k, bool sloped) {
+    void place_grid(double from, Wave<Real> k, bool sloped) {
         static const std::array<Rule, most_points + 1> rules = make_rules();
         for (int axis = 0; axis < 3; axis++) grid[axis].resize(whole_lines<Real>(points));
         std::int64_t g = 0;
@@ -184,8 +184,9 @@ struct View {
             std::fill(grid[axis].begin() + g, grid[axis].end(), grid[axis][g - 1]);
             weigh(axis, rules[n[axis]], sloped);
         }
-        waves<Lossy>(grid, Real(from), k, true, inverse_re, inverse_im, grid_nearness);
-        waves<Lossy>(local, Real(from), k, false, wave_re, wave_im, nearness);
+        const bool lossy = k.imag > 0;
+        (lossy ? waves<true, true> : waves<false, true>)(grid, Real(from), k, inverse_re, inverse_im, grid_nearness);
+        (lossy ? waves<true, false> : waves<false, false>)(local, Real(from), k, wave_re, wave_im, nearness);
     }
 
     void weigh(int axis, const Rule &rule, bool sloped) {
@@ -301,14 +302,14 @@ inline void add_multiple(Real a, Real b, const Real *re, const Real *im, std::in
 
 // The sums of a cluster of receivers, and buffers
 struct Sums {
-    bool layer;            // whether receivers are nodes of a transposed double layer
+    bool layer, mixed;     // whether receivers are nodes of a transposed double layer; and have a single one
     std::int64_t sounds;
     Wave<Real> k;
     Lined<Real> re, im;    // [sound][receiver]
     View from, to;
     double frame[3][3];    // the last axis points from the sources to the receivers
     Lined<Real> row_re, row_im, products, totals, strength_re, strength_im, grid_re, grid_im, weights, slopes;
-    Sums(bool layer, std::int64_t sounds, Wavenumber k) : layer(layer), sounds(sounds), k(k) {}
+    Sums(bool layer, bool mixed, std::int64_t sounds, Wavenumber k) : layer(layer), mixed(mixed), sounds(sounds), k(k) {}
 
     // Sets up both views. The time of a sum over grids as a share of that of an exact sum; infinite if there are no grids
     double share_of_time(const Cluster &sources, const Cluster &receivers, double distance, double error) {
@@ -333,42 +334,35 @@ struct Sums {
                (double(sources.count) * receivers.padded * kernel);
     }
 
-    template <bool Lossy, bool Layer, bool Mixed>
-    void add(const Cluster &sources, const Cluster &receivers, double distance, bool over_grids) {
-        if (over_grids)
-            add_over_grids<Lossy, Layer, Mixed>(sources, receivers, distance);
-        else
-            add_exact<Lossy, Layer, Mixed>(sources, receivers);
-    }
-
-    template <bool Lossy, bool Layer, bool Mixed> void add_exact(const Cluster &sources, const Cluster &receivers) {
+    void add_exact(const Cluster &sources, const Cluster &receivers) {
         const std::int64_t n = receivers.padded;
         row_re.resize(n), row_im.resize(n);
         const Lined<Real> *const at = receivers.place, *const normal = receivers.normal;
+        const Nodes<Real> nodes{{at[0].data(), at[1].data(), at[2].data()}, {normal[0].data(), normal[1].data(), normal[2].data()},
+                                {mixed ? receivers.re.data() : nullptr, mixed ? receivers.im.data() : nullptr}};
         for (std::int64_t j = 0; j < sources.count; j++) {
             Real y[3];
             for (int d = 0; d < 3; d++) y[d] = Real(sources.centre[d] - receivers.centre[d] + sources.place[d][j]);
-            if constexpr (Layer)
-                double_layer_row<Real, Lossy, Mixed>(y, at[0].data(), at[1].data(), at[2].data(), normal[0].data(), normal[1].data(),
-                                                     normal[2].data(), n, k, Real(0), row_re.data(), row_im.data(),
-                                                     receivers.re.data(), receivers.im.data());
+            if (layer)
+                double_layer_row(y, nodes, 0, n, k, Real(0), row_re.data(), row_im.data());
             else
-                monopole_row<Real, Lossy>(y, at[0].data(), at[1].data(), at[2].data(), n, k, row_re.data(), row_im.data());
+                monopole_row(y, nodes.point, 0, n, k, row_re.data(), row_im.data());
             for (std::int64_t s = 0; s < sounds; s++)
                 add_multiple(sources.re[s * sources.padded + j], sources.im[s * sources.padded + j], row_re.data(), row_im.data(), n,
                              re.data() + s * n, im.data() + s * n);
         }
     }
 
-    template <bool Lossy, bool Layer, bool Mixed> void add_over_grids(const Cluster &sources, const Cluster &receivers, double distance) {
-        from.place_grid<Lossy>(distance, k, false), to.place_grid<Lossy>(-distance, k, Layer);
+    void add_over_grids(const Cluster &sources, const Cluster &receivers, double distance) {
+        from.place_grid(distance, k, false), to.place_grid(-distance, k, layer);
         gather(sources);
         const std::int64_t n = std::int64_t(to.grid[0].size());
         grid_re.assign(sounds * n, 0), grid_im.assign(sounds * n, 0);
         row_re.resize(n), row_im.resize(n);
+        const Real *const grid[3] = {to.grid[0].data(), to.grid[1].data(), to.grid[2].data()};
         for (std::int64_t g = 0; g < from.points; g++) {
             const Real y[3] = {from.grid[0][g], from.grid[1][g], Real(from.grid[2][g] - distance)};
-            monopole_row<Real, Lossy>(y, to.grid[0].data(), to.grid[1].data(), to.grid[2].data(), n, k, row_re.data(), row_im.data());
+            monopole_row(y, grid, 0, n, k, row_re.data(), row_im.data());
             for (std::int64_t s = 0; s < sounds; s++)
                 add_multiple(strength_re[g * sounds + s], strength_im[g * sounds + s], row_re.data(), row_im.data(), n,
                              grid_re.data() + s * n, grid_im.data() + s * n);
@@ -376,7 +370,7 @@ struct Sums {
         for (std::int64_t s = 0; s < sounds; s++)
             multiply(grid_re.data() + s * n, grid_im.data() + s * n, to.inverse_re.data(), to.inverse_im.data(), n,
                      grid_re.data() + s * n, grid_im.data() + s * n);
-        for (std::int64_t j = 0; j < receivers.padded; j += width) interpolate<Layer, Mixed>(receivers, distance, j);
+        for (std::int64_t j = 0; j < receivers.padded; j += width) interpolate(receivers, distance, j);
     }
 
     // The strengths of the grid that replaces the sources
@@ -404,21 +398,25 @@ struct Sums {
     }
 
     // Adds the field of the receivers' grid at a line of receivers from j on
-    template <bool Layer, bool Mixed> void interpolate(const Cluster &receivers, double distance, std::int64_t j) {
+    void interpolate(const Cluster &receivers, double distance, std::int64_t j) {
         const std::int64_t n = receivers.padded, grid = std::int64_t(to.grid[0].size());
         weights.resize(to.points * width), slopes.resize(to.points * width);
-        // Normals in the frame, and along the way from the centre of the sources. Those of the cluster have the scale of
-        // `Normals`, 1/8 of 1/(4 pi).
-        Real normal[3][width], along[width];
-        if constexpr (Layer)
+        // Normals in the frame, of which those of the cluster have the scale of `Normals`, 1/8 of 1/(4 pi); and the layer's factor
+        // of the wave from the centre of the sources, whose derivative along its way is e^{ikr}/r times ik - 1/r
+        Real normal[3][width], single_re[width] = {}, single_im[width] = {}, factor_re[width], factor_im[width];
+        if (mixed) std::copy_n(&receivers.re[j], width, single_re), std::copy_n(&receivers.im[j], width, single_im);
+        const int layered = layer ? width : 0;
 #pragma omp simd
-            for (int l = 0; l < width; l++) {
-                const Real x = 8 * receivers.normal[0][j + l], y = 8 * receivers.normal[1][j + l], z = 8 * receivers.normal[2][j + l];
-                for (int axis = 0; axis < 3; axis++)
-                    normal[axis][l] = x * Real(frame[axis][0]) + y * Real(frame[axis][1]) + z * Real(frame[axis][2]);
-                along[l] = to.nearness[j + l] * (normal[0][l] * to.local[0][j + l] + normal[1][l] * to.local[1][j + l] +
-                                                 normal[2][l] * (to.local[2][j + l] + Real(distance)));
-            }
+        for (int l = 0; l < layered; l++) {
+            const Real x = 8 * receivers.normal[0][j + l], y = 8 * receivers.normal[1][j + l], z = 8 * receivers.normal[2][j + l];
+            for (int axis = 0; axis < 3; axis++)
+                normal[axis][l] = x * Real(frame[axis][0]) + y * Real(frame[axis][1]) + z * Real(frame[axis][2]);
+            const Real nearness = to.nearness[j + l];
+            const Real along = nearness * (normal[0][l] * to.local[0][j + l] + normal[1][l] * to.local[1][j + l] +
+                                           normal[2][l] * (to.local[2][j + l] + Real(distance)));
+            factor_re[l] = single_re[l] * Real(1 / (4 * pi)) - (k.imag + nearness) * along;
+            factor_im[l] = single_im[l] * Real(1 / (4 * pi)) + k.real * along;
+        }
         Real *weight = weights.data(), *slope = slopes.data();
         for (int a = 0; a < to.n[0]; a++)
             for (int b = 0; b < to.n[1]; b++) {
@@ -426,7 +424,7 @@ struct Sums {
                 Real both[width], across[width];
 #pragma omp simd
                 for (int l = 0; l < width; l++) both[l] = u[l] * v[l];
-                if constexpr (Layer) {
+                if (layer) {
                     const Real *const du = to.slope[0].data() + a * n + j, *const dv = to.slope[1].data() + b * n + j;
 #pragma omp simd
                     for (int l = 0; l < width; l++) across[l] = normal[0][l] * du[l] * v[l] + normal[1][l] * u[l] * dv[l];
@@ -435,7 +433,7 @@ struct Sums {
                     const Real *const w = to.weight[2].data() + c * n + j;
 #pragma omp simd
                     for (int l = 0; l < width; l++) weight[l] = both[l] * w[l];
-                    if constexpr (!Layer) continue;
+                    if (!layer) continue;
                     const Real *const dw = to.slope[2].data() + c * n + j;
 #pragma omp simd
                     for (int l = 0; l < width; l++) slope[l] = across[l] * w[l] + normal[2][l] * both[l] * dw[l];
@@ -446,18 +444,11 @@ struct Sums {
             const Real *const p = grid_re.data() + s * grid, *const q = grid_im.data() + s * grid;
             Real x[width], y[width], dx[width], dy[width];
             interpolate_line(weights.data(), p, q, to.points, x, y);
-            if constexpr (Layer) {
-                // The derivative of e^{ikr}/r is e^{ikr}/r times ik - 1/r along its way.
+            if (layer) {
                 interpolate_line(slopes.data(), p, q, to.points, dx, dy);
-                const Real *const single_re = receivers.re.data() + j, *const single_im = receivers.im.data() + j;
-                const Real *const nearness = to.nearness.data() + j;
+                multiply(x, y, factor_re, factor_im, width, x, y);
 #pragma omp simd
-                for (int l = 0; l < width; l++) {
-                    const Real a = strength<Mixed>(single_re, l) * Real(1 / (4 * pi)) - (k.imag + nearness[l]) * along[l];
-                    const Real b = strength<Mixed>(single_im, l) * Real(1 / (4 * pi)) + k.real * along[l];
-                    dx[l] += a * x[l] - b * y[l], dy[l] += a * y[l] + b * x[l];
-                }
-                std::copy(dx, dx + width, x), std::copy(dy, dy + width, y);
+                for (int l = 0; l < width; l++) x[l] += dx[l], y[l] += dy[l];
             }
             const Real *const c = to.wave_re.data() + j, *const d = to.wave_im.data() + j;
             Real *const out_re = re.data() + s * n + j, *const out_im = im.data() + s * n + j;
@@ -478,11 +469,6 @@ void apply_distant(const double *targets, const double *normals, const std::comp
     const std::vector<std::int64_t> order = cluster_order(targets, n), source_order = cluster_order(sources, m);
     const std::vector<Cluster> receivers = clusters_of(targets, order, cluster_size, normals, single, 1, 1);
     const bool layer = normals != nullptr;
-    const auto add = layer && single       ? &Sums::add<true, true, true>
-                     : layer && k.imag > 0 ? &Sums::add<true, true, false>
-                     : layer               ? &Sums::add<false, true, false>
-                     : k.imag > 0          ? &Sums::add<true, false, false>
-                                           : &Sums::add<false, false, false>;
     for (std::int64_t first = 0; first < sounds; first += most_sounds) {
         const std::int64_t some = std::min(most_sounds, sounds - first);
         std::vector<std::vector<Cluster>> emitting;  // the halves of cluster c are clusters 2 c and 2 c + 1 of the next level
@@ -490,7 +476,7 @@ void apply_distant(const double *targets, const double *normals, const std::comp
             emitting.push_back(clusters_of(sources, source_order, cluster_size >> level, nullptr, density + first, some, sounds));
 #pragma omp parallel
         {
-            Sums sums(layer, some, k);
+            Sums sums(layer, single != nullptr, some, k);
             std::vector<std::pair<std::size_t, std::size_t>> waiting;
 #pragma omp for schedule(dynamic, 1)
             for (std::int64_t t = 0; t < std::int64_t(receivers.size()); t++) {
@@ -508,8 +494,10 @@ void apply_distant(const double *targets, const double *normals, const std::comp
                     if (share > 0.8 && level < halvings && distance > closest * to.radius)
                         for (std::size_t half = 2 * c; half < 2 * c + 2 && half < emitting[level + 1].size(); half++)
                             waiting.emplace_back(level + 1, half);
+                    else if (share < 1)
+                        sums.add_over_grids(from, to, distance);
                     else
-                        (sums.*add)(from, to, distance, share < 1);
+                        sums.add_exact(from, to);
                 }
                 for (std::int64_t l = 0; l < to.count; l++)
                     for (std::int64_t s = 0; s < some; s++)

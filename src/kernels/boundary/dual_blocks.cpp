@@ -1,4 +1,5 @@
 // The matrix of the dual-surface equation: its blocks, filled a row at a time.
+#include "lines.hpp"
 #include "storage.hpp"
 
 namespace airtact {
@@ -17,16 +18,36 @@ void add_near(const NearRows &near, std::int64_t i, std::int64_t begin, std::int
             add(6 * near.panel[next] + l - begin, near.excess[6 * next + l].real(), near.excess[6 * next + l].imag());
 }
 
-template <class Store, bool Lossy, bool Mixed>
-void fill(const double *targets, const double *shifted, const double *points, const double *normals,
-          const std::complex<double> *single, std::int64_t m, Wavenumber wavenumber, double diagonal, const NearRows &near, const NearRows &near_shifted, const Pairs &whole,
-          Store *blocks) {
+// i D(x') - D(x) of the targets x that share an x', with n nodes from `begin` on
+template <class Real, bool Lossy, bool Mixed>
+void fill_rows(const Real (*x)[3], const Real *inside, const Nodes<Real> &nodes, std::int64_t begin, std::int64_t n, Wave<Real> k,
+               Real (*rows)[2 * lanes]) {
+    for (std::int64_t j = 0; j < n; j += line<Real>) {
+        Real inside_re[line<Real>], inside_im[line<Real>], re[line<Real>], im[line<Real>];
+        double_layer_line<Real, Lossy, Mixed>(inside, nodes, begin + j, k, Real(0), inside_re, inside_im);
+#pragma GCC unroll 3
+        for (std::int64_t r = 0; r < sharing; r++) {  // all at once, which hides the latency
+            double_layer_line<Real, Lossy, Mixed>(x[r], nodes, begin + j, k, Real(0), re, im);
+#pragma omp simd
+            for (int l = 0; l < line<Real>; l++) {
+                rows[r][j + l] = -re[l] - inside_im[l];
+                rows[r][lanes + j + l] = inside_re[l] - im[l];
+            }
+        }
+    }
+}
+
+}  // namespace
+
+template <class Store>
+void dual_blocks(const double *targets, const double *shifted, const double *points, const double *normals,
+                const std::complex<double> *single, std::int64_t m, Wavenumber k, double diagonal, NearRows near,
+                NearRows near_shifted, Pairs whole, Store *blocks) {
     using Real = typename Arithmetic<Store>::Real;
     const Origin origin(points, m);
-    const Planes<Real> y(points, m, origin.at), x(targets, m, origin.at), x2(shifted, m / sharing, origin.at);
-    const Normals<Real> a(normals, m);
-    const Strengths<Real> mixed(single, m);
-    const Wave<Real> k(wavenumber);
+    const Planes<Real> x(targets, m, origin.at), x2(shifted, m / sharing, origin.at);
+    const Layer<Real> layer(points, normals, single, m, origin.at);
+    const auto fill = single ? fill_rows<Real, true, true> : k.imag > 0 ? fill_rows<Real, true, false> : fill_rows<Real, false, false>;
     constexpr std::int64_t row_words = 2 * stored<Store>;
 #pragma omp parallel for schedule(dynamic, 8)
     for (std::int64_t group = 0; group < m / sharing; group++) {
@@ -40,29 +61,10 @@ void fill(const double *targets, const double *shifted, const double *points, co
         }
         const std::int64_t block = sharing * group / lanes, top = sharing * group % lanes;
         for (std::int64_t e = whole.first[block]; e < whole.first[block + 1]; e++) {
-            const std::int64_t begin = lanes * whole.column[e], n = std::min(lanes, m - begin), filled = whole_lines<Real>(n);
-            const Real *sx = y[0] + begin, *sy = y[1] + begin, *sz = y[2] + begin;
-            const Real *nx = a[0] + begin, *ny = a[1] + begin, *nz = a[2] + begin;
-            const Real *of_re = Mixed ? mixed.re.data() + begin : nullptr, *of_im = Mixed ? mixed.im.data() + begin : nullptr;
+            const std::int64_t begin = lanes * whole.column[e], n = std::min(lanes, m - begin);
             Store *const out = blocks + row_words * (lanes * e + top);
             fetch<1>(out, row_words * lanes * sizeof(Store), sharing * row_words * sizeof(Store));  // of the next block
-            for (std::int64_t j = 0; j < filled; j += line<Real>) {
-                const auto layer = [&](const Real *from, Real *re, Real *im) {
-                    double_layer_line<Real, Lossy, Mixed>(from, sx + j, sy + j, sz + j, nx + j, ny + j, nz + j, k, Real(0), re, im,
-                                                          Mixed ? of_re + j : of_re, Mixed ? of_im + j : of_im);
-                };
-                Real inside_re[line<Real>], inside_im[line<Real>], re[line<Real>], im[line<Real>];
-                layer(t2, inside_re, inside_im);
-#pragma GCC unroll 3
-                for (std::int64_t r = 0; r < sharing; r++) {  // all that share x' at once, which hides the latency
-                    layer(t[r], re, im);
-#pragma omp simd
-                    for (int l = 0; l < line<Real>; l++) {  // i D(x') - D(x)
-                        rows[r][j + l] = -re[l] - inside_im[l];
-                        rows[r][lanes + j + l] = inside_re[l] - im[l];
-                    }
-                }
-            }
+            fill(t, t2, layer.nodes, begin, n, Wave<Real>(k), rows);
             for (std::int64_t r = 0; r < sharing; r++) clear_rest(rows[r], n);
             add_near(near_shifted, group, begin, n, next_inside, [&](std::int64_t l, double re, double im) {
                 for (int r = 0; r < sharing; r++) rows[r][l] -= Real(im), rows[r][l + lanes] += Real(re);
@@ -78,18 +80,6 @@ void fill(const double *targets, const double *shifted, const double *points, co
             }
         }
     }
-}
-
-}  // namespace
-
-template <class Store>
-void dual_blocks(const double *targets, const double *shifted, const double *points, const double *normals,
-                const std::complex<double> *single, std::int64_t m, Wavenumber k, double diagonal, NearRows near,
-                NearRows near_shifted, Pairs whole, Store *blocks) {
-    (single       ? fill<Store, true, true>
-     : k.imag > 0 ? fill<Store, true, false>
-                  : fill<Store, false, false>)(targets, shifted, points, normals, single, m, k, diagonal, near,
-                                               near_shifted, whole, blocks);
 }
 
 #define AIRTACT_DUAL(Store)                                                                                           \

@@ -1,4 +1,5 @@
 // Every point against every node: one row of the kernel at a time, then stored or summed.
+#include "arithmetic.hpp"
 #include "rows.hpp"
 #include "sums.hpp"
 
@@ -9,41 +10,6 @@ namespace {
 constexpr std::int64_t block = 256;
 static_assert(block % whole_lines<float>(1) == 0, "blocks are whole cache lines");
 
-// The double layer of a surface whose panels may have a single layer too
-template <class Real> struct Layer {
-    Planes<Real> position;
-    Normals<Real> normal;
-    Strengths<Real> single;
-    Wave<Real> k;
-    Layer(const double *sources, const double *normals, const std::complex<double> *given, std::int64_t m,
-          const double *origin, Wavenumber wavenumber)
-        : position(sources, m, origin), normal(normals, m), single(given, m), k(wavenumber) {}
-    // Entries of the target x with n nodes from j on
-    void row(const Real *x, std::int64_t j, std::int64_t n, Real least, Real *re, Real *im) const {
-        const Real *sx = position[0] + j, *sy = position[1] + j, *sz = position[2] + j;
-        const Real *nx = normal[0] + j, *ny = normal[1] + j, *nz = normal[2] + j;
-        if (!single.re.empty())
-            double_layer_row<Real, true, true>(x, sx, sy, sz, nx, ny, nz, n, k, least, re, im, single.re.data() + j,
-                                               single.im.data() + j);
-        else if (k.imag > 0)
-            double_layer_row<Real, true>(x, sx, sy, sz, nx, ny, nz, n, k, least, re, im);
-        else
-            double_layer_row<Real, false>(x, sx, sy, sz, nx, ny, nz, n, k, least, re, im);
-    }
-
-    // Entries of n targets from i on with the node j
-    void column(const Planes<Real> &targets, std::int64_t j, std::int64_t i, std::int64_t n, Real *re, Real *im) const {
-        const Real y[3] = {position[0][j], position[1][j], position[2][j]}, a[3] = {normal[0][j], normal[1][j], normal[2][j]};
-        const Real *tx = targets[0] + i, *ty = targets[1] + i, *tz = targets[2] + i;
-        if (!single.re.empty())
-            double_layer_column<Real, true, true>(y, a, tx, ty, tz, n, k, re, im, single.re[j], single.im[j]);
-        else if (k.imag > 0)
-            double_layer_column<Real, true>(y, a, tx, ty, tz, n, k, re, im);
-        else
-            double_layer_column<Real, false>(y, a, tx, ty, tz, n, k, re, im);
-    }
-};
-
 template <class Real, class Row>
 void sum_rows(std::int64_t n, std::int64_t m, const std::complex<double> *density, std::int64_t sounds,
               std::complex<double> *out, const Row &row) {
@@ -51,7 +17,7 @@ void sum_rows(std::int64_t n, std::int64_t m, const std::complex<double> *densit
     std::vector<Strengths<Real>> densities;
     for (std::int64_t s = 0; s < sounds; s++) densities.emplace_back(density + s, m, sounds);
     over_rows((n + together - 1) / together, together * m, [&](std::int64_t group) {
-        Real re[together][block], im[together][block];
+        alignas(cache_line) Real re[together][block], im[together][block];
         const std::int64_t top = together * group, some = std::min(together, n - top);
         for (std::int64_t i = some; i < together; i++) std::fill(re[i], re[i] + block, Real(0)), std::fill(im[i], im[i] + block, Real(0));
         for (std::int64_t i = top; i < top + some; i++)
@@ -75,7 +41,7 @@ void add_few(std::int64_t n, std::int64_t m, const std::complex<double> *strengt
              std::complex<double> *out, const Row &row) {
     over_rows((n + block - 1) / block, block * m, [&](std::int64_t part) {
         const std::int64_t top = part * block, count = std::min(block, n - top);
-        Real re[block], im[block];
+        alignas(cache_line) Real re[block], im[block];
         std::complex<double> *const sums = out + top * sounds;
         std::fill(sums, sums + count * sounds, 0.0);
         for (std::int64_t j = 0; j < m; j++) {
@@ -94,6 +60,10 @@ void add_few(std::int64_t n, std::int64_t m, const std::complex<double> *strengt
 template <class Real> struct Chosen {
     Lined<Real> place[3], normal[3], single[2], re, im;
     std::int64_t n = 0;
+    Nodes<Real> nodes() const {
+        return {{place[0].data(), place[1].data(), place[2].data()}, {normal[0].data(), normal[1].data(), normal[2].data()},
+                {single[0].empty() ? nullptr : single[0].data(), single[1].empty() ? nullptr : single[1].data()}};
+    }
     void choose(const double *sources, const double *normals, const std::complex<double> *mixed, std::int64_t m, const std::complex<double> *density,
                 std::int64_t sounds, const double *centre, double reach, bool inside) {
         std::vector<std::int64_t> index;
@@ -126,26 +96,6 @@ template <class Real> struct Chosen {
     }
 };
 
-template <class Real, bool Lossy, bool Mixed>
-void sum_chosen(const Real *x, const Chosen<Real> &chosen, bool layer, std::int64_t sounds, Wave<Real> k, Real least,
-                std::complex<double> *out) {
-    Real re[block], im[block];
-    for (std::int64_t s = 0; s < sounds; s++) out[s] = 0;
-    for (std::int64_t j = 0; j < chosen.n; j += block) {
-        const std::int64_t count = std::min(block, chosen.n - j);
-        const Real *px = chosen.place[0].data() + j, *py = chosen.place[1].data() + j, *pz = chosen.place[2].data() + j;
-        if (layer)
-            double_layer_row<Real, Lossy, Mixed>(x, px, py, pz, chosen.normal[0].data() + j, chosen.normal[1].data() + j,
-                                                 chosen.normal[2].data() + j, count, k, least, re, im,
-                                                 Mixed ? chosen.single[0].data() + j : nullptr,
-                                                 Mixed ? chosen.single[1].data() + j : nullptr);
-        else
-            monopole_row<Real, Lossy>(x, px, py, pz, count, k, re, im);
-        for (std::int64_t s = 0; s < sounds; s++)
-            add_product(re, im, chosen.re.data() + s * chosen.n + j, chosen.im.data() + s * chosen.n + j, count, out[s]);
-    }
-}
-
 }  // namespace
 
 void apply_in_cells(const double *targets, const std::int64_t *first, std::int64_t cells, const double *centres,
@@ -161,13 +111,22 @@ void apply_in_cells(const double *targets, const std::int64_t *first, std::int64
         for (std::int64_t c = 0; c < cells; c++) {
             const double *centre = centres + 3 * c;
             chosen.choose(sources, normals, single, m, density, sounds, centre, reach, inside);
+            const Nodes<Real> nodes = chosen.nodes();
             for (std::int64_t i = first[c]; i < first[c + 1]; i++) {
                 const double *t = targets + 3 * i;
                 const Real x[3] = {Real(t[0] - centre[0]), Real(t[1] - centre[1]), Real(t[2] - centre[2])};
-                const auto sum = single       ? sum_chosen<Real, true, true>
-                                 : k.imag > 0 ? sum_chosen<Real, true, false>
-                                              : sum_chosen<Real, false, false>;
-                sum(x, chosen, normals != nullptr, sounds, wave, Real(least * least), out + i * sounds);
+                std::fill(out + i * sounds, out + (i + 1) * sounds, 0.0);
+                for (std::int64_t j = 0; j < chosen.n; j += block) {
+                    const std::int64_t count = std::min(block, chosen.n - j);
+                    alignas(cache_line) Real re[block], im[block];
+                    if (normals)
+                        double_layer_row(x, nodes, j, count, wave, Real(least * least), re, im);
+                    else
+                        monopole_row(x, nodes.point, j, count, wave, re, im);
+                    for (std::int64_t s = 0; s < sounds; s++)
+                        add_product(re, im, chosen.re.data() + s * chosen.n + j, chosen.im.data() + s * chosen.n + j, count,
+                                    out[i * sounds + s]);
+                }
             }
         }
     }
@@ -178,13 +137,14 @@ void double_layer_matrix(const double *targets, std::int64_t n, const double *so
                          const std::complex<double> *single, std::int64_t m, Wavenumber k, std::complex<Real> *out) {
     const Origin origin(sources, m);
     const Planes<Real> t(targets, n, origin.at);
-    const Layer<Real> layer(sources, normals, single, m, origin.at, k);
+    const Layer<Real> layer(sources, normals, single, m, origin.at);
+    const Wave<Real> wave(k);
     over_rows(n, m, [&](std::int64_t i) {
-        Real re[block], im[block];
+        alignas(cache_line) Real re[block], im[block];
         const Real x[3] = {t[0][i], t[1][i], t[2][i]};
         for (std::int64_t j = 0; j < m; j += block) {
             const std::int64_t count = std::min(block, m - j);
-            layer.row(x, j, count, Real(0), re, im);
+            double_layer_row(x, layer.nodes, j, count, wave, Real(0), re, im);
             for (std::int64_t l = 0; l < count; l++) out[i * m + j + l] = {re[l], im[l]};
         }
     });
@@ -195,14 +155,15 @@ void dual_matrix(const double *targets, const double *inside, std::int64_t n, co
                  const std::complex<double> *single, std::int64_t m, Wavenumber k, std::complex<Real> *out) {
     const Origin origin(sources, m);
     const Planes<Real> t(targets, n, origin.at), t2(inside, n, origin.at);
-    const Layer<Real> layer(sources, normals, single, m, origin.at, k);
+    const Layer<Real> layer(sources, normals, single, m, origin.at);
+    const Wave<Real> wave(k);
     over_rows(n, 2 * m, [&](std::int64_t i) {
-        Real re[block], im[block], re2[block], im2[block];
+        alignas(cache_line) Real re[block], im[block], re2[block], im2[block];
         const Real x[3] = {t[0][i], t[1][i], t[2][i]}, x2[3] = {t2[0][i], t2[1][i], t2[2][i]};
         for (std::int64_t j = 0; j < m; j += block) {
             const std::int64_t count = std::min(block, m - j);
-            layer.row(x, j, count, Real(0), re, im);
-            layer.row(x2, j, count, Real(0), re2, im2);
+            double_layer_row(x, layer.nodes, j, count, wave, Real(0), re, im);
+            double_layer_row(x2, layer.nodes, j, count, wave, Real(0), re2, im2);
             for (std::int64_t l = 0; l < count; l++) out[i * m + j + l] = {-re[l] - im2[l], re2[l] - im[l]};
         }
     });
@@ -214,11 +175,12 @@ void apply_double_layer(const double *targets, std::int64_t n, const double *sou
                         std::int64_t sounds, Wavenumber k, double least, std::complex<double> *out) {
     const Origin origin(sources, m);
     const Planes<Real> t(targets, n, origin.at);
-    const Layer<Real> layer(sources, normals, single, m, origin.at, k);
+    const Layer<Real> layer(sources, normals, single, m, origin.at);
+    const Wave<Real> wave(k);
     sum_rows<Real>(n, m, density, sounds, out,
                    [&](std::int64_t i, std::int64_t j, std::int64_t count, Real *re, Real *im) {
                        const Real x[3] = {t[0][i], t[1][i], t[2][i]};
-                       layer.row(x, j, count, Real(least * least), re, im);
+                       double_layer_row(x, layer.nodes, j, count, wave, Real(least * least), re, im);
                    });
 }
 
@@ -228,16 +190,17 @@ void apply_transposed(const double *targets, std::int64_t n, const double *sourc
                       std::int64_t sounds, Wavenumber k, std::complex<double> *out) {
     const Origin origin(sources, m);
     const Planes<Real> t(targets, n, origin.at);
-    const Layer<Real> layer(sources, normals, single, m, origin.at, k);
+    const Layer<Real> layer(sources, normals, single, m, origin.at);
+    const Wave<Real> wave(k);
     if (n <= few_sources)
         return add_few<Real>(m, n, strength, sounds, out,
                              [&](std::int64_t i, std::int64_t j, std::int64_t count, Real *re, Real *im) {
                                  const Real x[3] = {t[0][i], t[1][i], t[2][i]};
-                                 layer.row(x, j, count, Real(0), re, im);
+                                 double_layer_row(x, layer.nodes, j, count, wave, Real(0), re, im);
                              });
     sum_rows<Real>(m, n, strength, sounds, out,
                    [&](std::int64_t j, std::int64_t i, std::int64_t count, Real *re, Real *im) {
-                       layer.column(t, j, i, count, re, im);
+                       double_layer_column(layer.nodes, j, t.at, i, count, wave, re, im);
                    });
 }
 
@@ -251,8 +214,7 @@ void apply_monopoles(const double *targets, std::int64_t n, const double *source
     const auto between = [&](const Planes<Real> &from, std::int64_t i, const Planes<Real> &to, std::int64_t j,
                              std::int64_t count, Real *re, Real *im) {
         const Real x[3] = {from[0][i], from[1][i], from[2][i]};
-        (k.imag > 0 ? monopole_row<Real, true> : monopole_row<Real, false>)(x, to[0] + j, to[1] + j, to[2] + j, count, wave, re,
-                                                                            im);
+        monopole_row(x, to.at, j, count, wave, re, im);
     };
     if (m <= few_sources)
         return add_few<Real>(n, m, strength, sounds, out,

@@ -11,10 +11,8 @@ constexpr int checks = 3;               // rows in turn whose residual must be s
 constexpr std::int64_t stride = 73;     // from one of them to the next: prime to `lanes`, so that all are checked
 
 template <class Real> struct Geometry {  // that the entries follow from: nodes of the columns; x and x' of each of the rows
-    Planes<Real> position;
-    Normals<Real> normal;
+    Layer<Real> layer;
     Planes<Real> target, inside;
-    Strengths<Real> single;
     Wave<Real> k;
 };
 
@@ -34,31 +32,23 @@ template <class Real> void combine(const Real *inside, Real *row) {
 }
 
 // Entries of the rows' node i with n of the columns' nodes from `begin` on, or of the columns' node j with those of the rows
-template <class Real, bool Lossy, bool Mixed>
-void row_of(const Geometry<Real> &geometry, std::int64_t i, std::int64_t begin, std::int64_t n, Real *row) {
-    const Planes<Real> &y = geometry.position, &a = geometry.normal;
-    const Real *p = Mixed ? geometry.single.re.data() + begin : nullptr, *q = Mixed ? geometry.single.im.data() + begin : nullptr;
+template <class Real> void row_of(const Geometry<Real> &geometry, std::int64_t i, std::int64_t begin, std::int64_t n, Real *row) {
     const auto layer = [&](const Planes<Real> &from, Real *out) {
         const Real x[3] = {from[0][i], from[1][i], from[2][i]};
-        double_layer_row<Real, Lossy, Mixed>(x, y[0] + begin, y[1] + begin, y[2] + begin, a[0] + begin, a[1] + begin, a[2] + begin,
-                                             n, geometry.k, Real(0), out, out + lanes, p, q);
+        double_layer_row(x, geometry.layer.nodes, begin, n, geometry.k, Real(0), out, out + lanes);
         clear_rest(out, n);
     };
-    Real inside[2 * lanes];
+    alignas(cache_line) Real inside[2 * lanes];
     layer(geometry.target, row), layer(geometry.inside, inside);
     combine(inside, row);
 }
-template <class Real, bool Lossy, bool Mixed>
+template <class Real>
 void column_of(const Geometry<Real> &geometry, std::int64_t j, std::int64_t begin, std::int64_t n, Real *column) {
-    const Planes<Real> &of = geometry.position, &normals = geometry.normal;
-    const Real y[3] = {of[0][j], of[1][j], of[2][j]}, normal[3] = {normals[0][j], normals[1][j], normals[2][j]};
-    const Real p = strength<Mixed>(geometry.single.re.data(), j), q = strength<Mixed>(geometry.single.im.data(), j);
     const auto layer = [&](const Planes<Real> &to, Real *out) {
-        double_layer_column<Real, Lossy, Mixed>(y, normal, to[0] + begin, to[1] + begin, to[2] + begin, n, geometry.k, out,
-                                                out + lanes, p, q);
+        double_layer_column(geometry.layer.nodes, j, to.at, begin, n, geometry.k, out, out + lanes);
         clear_rest(out, n);
     };
-    Real inside[2 * lanes];
+    alignas(cache_line) Real inside[2 * lanes];
     layer(geometry.target, column), layer(geometry.inside, inside);
     combine(inside, column);
 }
@@ -111,7 +101,7 @@ std::int64_t largest(const Real *line, std::int64_t n, const bool *passed) {  //
     return most < 0 ? -1 : std::find(size, size + n, most) - size;
 }
 
-template <class Real, bool Lossy, bool Mixed>
+template <class Real>
 void approximate(const Geometry<Real> &geometry, std::int64_t rows, std::int64_t columns, std::int64_t m, Real tolerance,
            Lined<Term<Real>> &terms, std::int64_t &count) {
     const std::int64_t top = lanes * rows, left = lanes * columns;
@@ -123,7 +113,7 @@ void approximate(const Geometry<Real> &geometry, std::int64_t rows, std::int64_t
         seen[i] = true;
         if (std::int64_t(terms.size()) <= count) terms.emplace_back();
         Term<Real> &next = terms[count];
-        row_of<Real, Lossy, Mixed>(geometry, top + i, left, width, next.row);
+        row_of(geometry, top + i, left, width, next.row);
         subtract_all(terms, count, &Term<Real>::row, &Term<Real>::column, i, next.row);
         Real sum = 0;
 #pragma omp simd reduction(+ : sum)
@@ -135,7 +125,7 @@ void approximate(const Geometry<Real> &geometry, std::int64_t rows, std::int64_t
         }
         passed = 0;
         const std::int64_t j = largest(next.row, width, static_cast<const bool *>(nullptr));
-        column_of<Real, Lossy, Mixed>(geometry, left + j, top, height, next.column);
+        column_of(geometry, left + j, top, height, next.column);
         subtract_all(terms, count, &Term<Real>::column, &Term<Real>::row, j, next.column);
         const Real size = square(next.row, j), p = next.row[j] / size, q = -next.row[lanes + j] / size;
         for (std::int64_t l = 0; l < lanes; l++) {
@@ -147,16 +137,16 @@ void approximate(const Geometry<Real> &geometry, std::int64_t rows, std::int64_t
     }
 }
 
-template <class Store, bool Lossy, bool Mixed>
-std::int64_t all_low_rank(const double *targets, const double *shifted, const double *points, const double *normals,
-                         const std::complex<double> *single, std::int64_t m, Wavenumber wavenumber, const Pairs &far, double tolerance, std::int64_t room,
-                         std::int64_t *count, std::int64_t *begin, Store *out) {
+}  // namespace
+
+template <class Store>
+std::int64_t dual_low_rank(const double *targets, const double *shifted, const double *points, const double *normals,
+                          const std::complex<double> *single, std::int64_t m, Wavenumber k, Pairs far, double tolerance,
+                          std::int64_t room, std::int64_t *count, std::int64_t *begin, Store *rows) {
     using Real = typename Arithmetic<Store>::Real;
     const Origin origin(points, m);
     const std::vector<double> inside = spread(shifted, m);
-    const Geometry<Real> geometry{Planes<Real>(points, m, origin.at), Normals<Real>(normals, m),
-                          Planes<Real>(targets, m, origin.at), Planes<Real>(inside.data(), m, origin.at),
-                          Strengths<Real>(single, m), Wave<Real>(wavenumber)};
+    const Geometry<Real> geometry{{points, normals, single, m, origin.at}, {targets, m, origin.at}, {inside.data(), m, origin.at}, Wave<Real>(k)};
     std::int64_t taken = 0;
 #pragma omp parallel
     {
@@ -164,7 +154,7 @@ std::int64_t all_low_rank(const double *targets, const double *shifted, const do
 #pragma omp for schedule(dynamic, 1)
         for (std::int64_t t = 0; t < far.blocks; t++)
             for (std::int64_t e = far.first[t]; e < far.first[t + 1]; e++) {
-                approximate<Real, Lossy, Mixed>(geometry, t, far.column[e], m, Real(tolerance), terms, count[e]);
+                approximate(geometry, t, far.column[e], m, Real(tolerance), terms, count[e]);
                 std::int64_t at;
 #pragma omp atomic capture
                 {
@@ -175,24 +165,12 @@ std::int64_t all_low_rank(const double *targets, const double *shifted, const do
                 if (at + 2 * count[e] > room) continue;
                 for (std::int64_t c = 0; c < 2 * count[e]; c++) {
                     const Real *line = c < count[e] ? terms[c].row : terms[c - count[e]].column;
-                    store(line, out + 2 * stored<Store> * (at + c));
-                    store(line + lanes, out + 2 * stored<Store> * (at + c) + stored<Store>);
+                    store(line, rows + 2 * stored<Store> * (at + c));
+                    store(line + lanes, rows + 2 * stored<Store> * (at + c) + stored<Store>);
                 }
             }
     }
     return taken;
-}
-
-}  // namespace
-
-template <class Store>
-std::int64_t dual_low_rank(const double *targets, const double *shifted, const double *points, const double *normals,
-                          const std::complex<double> *single, std::int64_t m, Wavenumber k, Pairs far, double tolerance,
-                          std::int64_t room, std::int64_t *count, std::int64_t *begin, Store *rows) {
-    return (single       ? all_low_rank<Store, true, true>
-            : k.imag > 0 ? all_low_rank<Store, true, false>
-                         : all_low_rank<Store, false, false>)(targets, shifted, points, normals, single, m, k, far,
-                                                              tolerance, room, count, begin, rows);
 }
 
 #define AIRTACT_LOW_RANK(Store)                                                                                        \

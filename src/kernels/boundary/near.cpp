@@ -2,6 +2,7 @@
 // target, and both the angle and the radius are stretched by a sinh so that few Gauss points do (Johnston & Elliott,
 // Int. J. Numer. Meth. Engng 62 (2005) 564, "A sinh transformation for evaluating nearly singular boundary element
 // integrals"; the cut is Duffy's, SIAM J. Numer. Anal. 19 (1982) 1260).
+#include "arithmetic.hpp"
 #include "rows.hpp"
 
 #include "shapes/patch.hpp"
@@ -258,8 +259,9 @@ template <class Real> struct Rays {
 };
 
 // Integrals over the panel of each pair of kernel times monomials
-template <Kernel kernel, bool Lossy, class Real>
-void integrate(Group<Real> &group, Wave<Real> k, const Rules<Real> &rules, Moments *sums) {
+template <class Real>
+void integrate(Group<Real> &group, Wave<Real> k, const Rules<Real> &rules, decltype(add_points<Kernel::Double, true, Real>) *add,
+               Moments *sums) {
     group.find_closest();
     const Rays<Real> rays(group, rules);
     Points<Real> points;
@@ -271,10 +273,10 @@ void integrate(Group<Real> &group, Wave<Real> k, const Rules<Real> &rules, Momen
             const Real stretch = rays.stretch[i];
             const GaussRule<Real> radial(rules, int(rules.radial * (stretched ? 1 + Real(0.5) * stretch : Real(1))));
             if (points.n + radial.n > most_points)
-                add_points<kernel, Lossy>(group.patches, pair, u, v, stretched, points, k, group.strength[pair], sums[pair]);
+                add(group.patches, pair, u, v, stretched, points, k, group.strength[pair], sums[pair]);
             points.put(radial, stretch, rays.u[i], rays.v[i], rays.scale[i], rays.weight[i]);
         }
-        add_points<kernel, Lossy>(group.patches, pair, u, v, stretched, points, k, group.strength[pair], sums[pair]);
+        add(group.patches, pair, u, v, stretched, points, k, group.strength[pair], sums[pair]);
     }
 }
 
@@ -292,7 +294,7 @@ void near_integrals(bool single_layer, const double *targets, const std::int64_t
         Moments sums[some];
         for (std::int64_t e = first; e < std::min(pairs, first + some); e++)
             group.put(quadratic_triangles + 18 * pair_panel[e], targets + 3 * pair_target[e], contact[pair_panel[e]], 0);
-        (single_layer ? integrate<Kernel::Single, true, double> : integrate<Kernel::Double, true, double>)(group, wave, rules, sums);
+        integrate(group, wave, rules, single_layer ? add_points<Kernel::Single, true, double> : add_points<Kernel::Double, true, double>, sums);
         for (int l = 0; l < group.count; l++) {
             const std::int64_t e = first + l;
             distance[e] = group.distance[l];
@@ -305,9 +307,9 @@ void near_integrals(bool single_layer, const double *targets, const std::int64_t
 namespace {
 
 // The plain terms of the nodes of some pairs' panels at their targets
-template <class Real, bool Lossy, bool Mixed> struct PlainTerms {
+template <class Real> struct PlainTerms {
     static constexpr int most = 6 * some;
-    Real offset[3][most], normal[3][most], single[2][most], re[most], im[most];
+    alignas(cache_line) Real offset[3][most], normal[3][most], single[2][most] = {}, re[most], im[most];
     int count = 0;
 
     void put(const double *target, const double *nodes, const double *normals, const std::complex<double> *mixed) {
@@ -316,44 +318,49 @@ template <class Real, bool Lossy, bool Mixed> struct PlainTerms {
                 offset[d][count] = Real(nodes[3 * l + d] - target[d]);
                 normal[d][count] = Real(shared * normals[3 * l + d]);
             }
-            if (Mixed) single[0][count] = Real(mixed[l].real()), single[1][count] = Real(mixed[l].imag());
+            if (mixed) single[0][count] = Real(mixed[l].real()), single[1][count] = Real(mixed[l].imag());
         }
     }
-    void evaluate(Wave<Real> k, Real nearest) {
+    void evaluate(Wave<Real> k, bool mixed, Real nearest) {
         for (; count % vector; count++)
-            for (int d = 0; d < 3; d++) offset[d][count] = normal[d][count] = 1, single[d % 2][count] = 0;
+            for (int d = 0; d < 3; d++) offset[d][count] = normal[d][count] = 1;
         const Real target[3] = {0, 0, 0};
-        double_layer_row<Real, Lossy, Mixed>(target, offset[0], offset[1], offset[2], normal[0], normal[1], normal[2], count, k,
-                                             nearest, re, im, single[0], single[1]);
+        const Nodes<Real> nodes{{offset[0], offset[1], offset[2]}, {normal[0], normal[1], normal[2]},
+                                {mixed ? single[0] : nullptr, mixed ? single[1] : nullptr}};
+        double_layer_row(target, nodes, 0, count, k, nearest, re, im);
     }
 };
 
-template <class Real, bool Lossy, bool Mixed>
-void excess_of_all(const double *targets, std::int64_t n, const std::int64_t *first, const std::int64_t *pair_panel,
-                   const double *quadratic_triangles, const double *contact, const double *sources, const double *normals,
-                   const std::complex<double> *single, const double *nodal, Wavenumber k, double least, NearRule rule,
-                   std::complex<double> *out) {
-    constexpr Kernel kernel = Mixed ? Kernel::Mixed : Kernel::Double;
+}  // namespace
+
+template <class Real>
+void near_excess(const double *targets, std::int64_t n, const std::int64_t *first, const std::int64_t *pair_panel,
+                 const double *quadratic_triangles, const double *contact, const double *sources, const double *normals,
+                 const std::complex<double> *single, const double *nodal, Wavenumber k, double least, NearRule rule,
+                 std::complex<double> *out) {
     const Wave<Real> wave(k);
     const Rules<Real> rules(rule);
+    const auto add = single       ? add_points<Kernel::Mixed, true, Real>
+                     : k.imag > 0 ? add_points<Kernel::Double, true, Real>
+                                  : add_points<Kernel::Double, false, Real>;
     const Real nearest = Real(least * least);
     std::vector<std::int64_t> target(first[n]);
     for (std::int64_t i = 0; i < n; i++) std::fill(target.begin() + first[i], target.begin() + first[i + 1], i);
 #pragma omp parallel for schedule(dynamic, 4) if (first[n] > 64)
     for (std::int64_t begin = 0; begin < first[n]; begin += some) {
         Group<Real> group;
-        PlainTerms<Real, Lossy, Mixed> plain;
+        PlainTerms<Real> plain;
         Moments sums[some];
         for (std::int64_t e = begin; e < std::min(first[n], begin + some); e++) {
             const std::int64_t panel = pair_panel[e];
             const double *normal = normals + 18 * panel;
             const double area = std::sqrt(dot(normal[0], normal[1], normal[2], normal[0], normal[1], normal[2]));
-            const std::complex<double> strength = Mixed ? single[6 * panel] / area : 0;
+            const std::complex<double> strength = single ? single[6 * panel] / area : 0;
             group.put(quadratic_triangles + 18 * panel, targets + 3 * target[e], contact[panel], strength);
-            plain.put(targets + 3 * target[e], sources + 18 * panel, normal, Mixed ? single + 6 * panel : nullptr);
+            plain.put(targets + 3 * target[e], sources + 18 * panel, normal, single ? single + 6 * panel : nullptr);
         }
-        integrate<kernel, Lossy, Real>(group, wave, rules, sums);
-        plain.evaluate(wave, nearest);
+        integrate(group, wave, rules, add, sums);
+        plain.evaluate(wave, single, nearest);
         for (int pair = 0; pair < group.count; pair++) {
             const std::int64_t e = begin + pair;
             for (int l = 0; l < 6; l++) {
@@ -366,19 +373,6 @@ void excess_of_all(const double *targets, std::int64_t n, const std::int64_t *fi
             }
         }
     }
-}
-
-}  // namespace
-
-template <class Real>
-void near_excess(const double *targets, std::int64_t n, const std::int64_t *first, const std::int64_t *pair_panel,
-                 const double *quadratic_triangles, const double *contact, const double *sources, const double *normals,
-                 const std::complex<double> *single, const double *nodal, Wavenumber k, double least, NearRule rule,
-                 std::complex<double> *out) {
-    (single       ? excess_of_all<Real, true, true>
-     : k.imag > 0 ? excess_of_all<Real, true, false>
-                  : excess_of_all<Real, false, false>)(targets, n, first, pair_panel, quadratic_triangles, contact, sources,
-                                                       normals, single, nodal, k, least, rule, out);
 }
 
 #define AIRTACT_NEAR(Real)                                                                                            \

@@ -1,5 +1,6 @@
 // Number formats of a block in memory.
 #pragma once
+#include "arithmetic.hpp"
 #include "rows.hpp"
 
 namespace airtact {
