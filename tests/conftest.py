@@ -44,7 +44,7 @@ _kernels = import_module("airtact._kernels")  # after the hook
 def pytest_collection_finish() -> None:
     """Exempt modules and collected tests, which stay to the end, from garbage collection.
 
-    Searching these millions of objects again and again would take a tenth of the time of the tests.
+    Searching these objects in vain takes more than a second in every worker.
     """
     gc.freeze()
     gc.enable()
