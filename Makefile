@@ -4,6 +4,8 @@
 
 VENV := .venv
 BIN := $(VENV)/bin
+# Built with tools in .venv rather than in a new folder each time, later installations keep what is compiled.
+INSTALL := PIP_CONSTRAINT=constraints.txt $(BIN)/pip install --quiet --no-build-isolation
 KERNELS := CMakeLists.txt pyproject.toml constraints.txt $(wildcard src/kernels/*.* src/kernels/*/*)
 
 help:
@@ -21,11 +23,12 @@ help:
 $(VENV)/installed: $(KERNELS)
 	@echo "Installing into $(VENV) takes several minutes, because packages are downloaded and C++ code is compiled."
 	python3 -m venv $(VENV)
-	PIP_CONSTRAINT=constraints.txt $(BIN)/pip install --quiet --editable '.[fem,mesh]'
+	$(INSTALL) 'scikit-build-core>=1.1' 'nanobind>=2.5' cmake ninja
+	$(INSTALL) --editable '.[fem,mesh]'
 	@touch $@
 
 $(VENV)/installed-for-tests: $(VENV)/installed
-	PIP_CONSTRAINT=constraints.txt $(BIN)/pip install --quiet --editable '.[test]'
+	$(INSTALL) --editable '.[test]'
 	@touch $@
 
 run: $(VENV)/installed
@@ -34,7 +37,7 @@ run: $(VENV)/installed
 	@echo "Open out/pinch/report.html and out/open_hand/report.html; the drives are in drive.csv and drive.h5 in the same folders."
 
 $(VENV)/installed-for-live: $(VENV)/installed
-	PIP_CONSTRAINT=constraints.txt $(BIN)/pip install --quiet --editable '.[live,mesh]'
+	$(INSTALL) --editable '.[live,mesh]'
 	@touch $@
 
 live: $(VENV)/installed-for-live
@@ -67,7 +70,7 @@ format: $(VENV)/installed-for-tests
 	$(BIN)/ruff format .
 
 $(VENV)/installed-for-docs: $(VENV)/installed
-	PIP_CONSTRAINT=constraints.txt $(BIN)/pip install --quiet --editable '.[docs]'
+	$(INSTALL) --editable '.[docs]'
 	@touch $@
 
 docs: $(VENV)/installed-for-docs
