@@ -4,7 +4,7 @@
 
 VENV := .venv
 BIN := $(VENV)/bin
-# Built with tools in .venv rather than in a new folder each time, later installations keep what is compiled.
+# The build tools stay in .venv. Otherwise, pip would put them into a new folder each time, and compile everything again.
 INSTALL := PIP_CONSTRAINT=constraints.txt $(BIN)/pip install --quiet --no-build-isolation
 KERNELS := CMakeLists.txt pyproject.toml constraints.txt $(wildcard src/kernels/*.* src/kernels/*/*)
 

@@ -380,7 +380,7 @@ class _Sampler:
         return draws(self.uncertainty, samples, seed, self.middle, pivots, len(foci))
 
     def possible(self, samples: int, seed: int) -> list[FociRows]:
-        """Return the transfer matrices of the possible ones among newly drawn samples."""
+        """Draw samples, and return the transfer matrices of those that are possible."""
         matrices = self.matrices(self.draw(samples, seed))
         return [matrix for matrix in matrices if matrix is not None]
 
@@ -531,6 +531,7 @@ class _Sampler:
         self._check(draw.hand, self.field.sources.positions, scene)
         monopoles = self._bodies.reflected(scene)
         parts = np.array_split(np.arange(len(monopoles.positions)), 16)
+        middles = np.array([monopoles.positions[part].mean(axis=0) for part in parts])
         means = np.zeros_like(self.remainder)
         for image in (False, True):
             faces = array.face_points
@@ -542,11 +543,11 @@ class _Sampler:
                 axes = axes - 2.0 * (axes @ plane.normal)[:, None] * plane.normal
             received = self._open_air.at(faces.reshape(-1, 3)).reshape(*faces.shape[:2], -1)
             means += np.einsum("eqf,q->fe", received, array.element.weights)
-            for part in parts:
+            away = centres - middles[:, None]
+            cosines = np.einsum("ped,ed->pe", away, axes) / np.linalg.norm(away, axis=2)
+            patterns = array.element.directivity(cosines, scene.wavenumber.real)
+            for part, pattern in zip(parts, patterns, strict=True):
                 positions = monopoles.positions[part]
-                away = centres - positions.mean(axis=0)
-                cosines = np.einsum("ed,ed->e", away, axes) / np.linalg.norm(away, axis=1)
-                pattern = array.element.directivity(cosines, scene.wavenumber.real)
                 pressure = monopole_pressure(
                     centres, positions, monopoles.strengths[part], scene.wavenumber, "float32"
                 )

@@ -276,7 +276,7 @@ class UDPLink(AUTD3Boards):
         self._check_lost()
 
     def _repeated(self, start: Callable[[], Awaitable[Any]]) -> None:
-        for left in reversed(range(3)):  # a frame is sent up to 3 times if a board does not answer
+        for left in reversed(range(3)):  # a message is sent up to 3 times if a board does not reply
             try:
                 self._done(start)
                 return

@@ -161,14 +161,9 @@ class VirtualObject:
             full_at = self.shape.travel if isinstance(self.shape, Button) else 2e-3
             stiffness = (1.0 - FIRST_STRENGTH) / full_at
         # Start at a fifth of full strength, because a weaker first touch could not be felt.
-        strengths = np.minimum(
-            FIRST_STRENGTH
-            + stiffness
-            * np.maximum(
-                shaped(depths, shaped(points, (-1, 3), "points").shape[:1], "depths"), 0.0
-            ),
-            1.0,
-        )
+        points = shaped(points, (-1, 3), "points")
+        depths = shaped(depths, points.shape[:1], "depths")
+        strengths = np.minimum(FIRST_STRENGTH + stiffness * np.maximum(depths, 0.0), 1.0)
         if self.texture is None:
             return strengths
         return strengths * self.texture.heights(self._local(points))

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex, Float, Float64, Real
+from jaxtyping import Complex, Float64, Real
 
 from airtact.errors import (
     InvalidInput,
@@ -145,12 +145,12 @@ class Element:
         return np.exp(-1j * wavenumber * (directions @ self.points.T)) @ self.weights
 
     def directivity(
-        self, cosines: Float[np.ndarray, "*angles"], wavenumber: float
+        self, cosines: Float64[np.ndarray, "*angles"], wavenumber: float
     ) -> Float64[np.ndarray, "*angles"]:
         """Return the far-field pressure at angles from the axis, relative to that on the axis.
 
-        ``cosines`` are the cosines of the angles. The result is interpolated in a table of 400
-        angles.
+        ``cosines`` are the cosines of the angles, and ``wavenumber`` is k = 2πf/c [rad/m]. The
+        result is interpolated in a table of 400 angles.
         """
         if len(self.weights) == 1:
             return np.ones_like(cosines)

@@ -209,7 +209,7 @@ class SkinSources:
         cosines /= np.linalg.norm(towards, axis=2)
         pattern = array.element.directivity(cosines, wavenumber.real).astype(np.float32)
         of_bones, of_foci = pattern[: len(PARTS), None], pattern[len(PARTS) :]
-        # Near a zero of the pattern, the open-air pressure vanishes with the whole row.
+        # Near a zero of the pattern, the focus hardly hears the element, so its factor may stay.
         known = np.broadcast_to(np.abs(of_foci) > 0.1, waves.shape)
         waves *= np.divide(of_bones, of_foci, out=np.ones(waves.shape, np.float32), where=known)
         waves = subset.interpolated(waves)
