@@ -88,7 +88,7 @@ def test_a_hand_that_moves_as_a_whole_carries_its_sources_along(scene, joints, b
     sources, array = bending.solved(start, 0.0), scene.array
     faces = pose.inverse().apply(array.face_points.reshape(-1, 3))
     strengths = sources.rest.copy()
-    strengths[sources.leading.sources] += sources.leading.strengths(sources.posed)
+    strengths[sources.of_leading] += sources.leading.strengths(sources.posed)
     wavenumber = scene.medium.wavenumber(scene.frequency)
 
     def heard(points: np.ndarray, strengths: np.ndarray) -> np.ndarray:

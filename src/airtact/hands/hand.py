@@ -32,7 +32,6 @@ from airtact.geometry.primitives import capsule
 from airtact.geometry.surface import Surface
 from airtact.hands.body import Hulls, Touch, hand_hulls
 from airtact.hands.joints import (
-    CHAINS,
     FINGERS,
     Joints,
     Place,
@@ -41,11 +40,12 @@ from airtact.hands.joints import (
     check_finger_order,
     checked_side,
     cross,
+    crossed,
     joints_of,
     radii_of,
     unit,
 )
-from airtact.hands.kinematics import bending_axis, opened
+from airtact.hands.kinematics import OUTER_JOINTS, finger_bones, opened
 from airtact.hands.shape import HandShape
 from airtact.hands.skin_mesh import even_skin, graded, midpoints
 
@@ -126,7 +126,7 @@ class Hand:
     @cached_property
     def pads(self) -> Float64[np.ndarray, "5 3"]:
         """(5, 3) centre of each fingertip's pad on the skin [m], from thumb to little finger."""
-        return fixed(np.array([self._pad(finger)[0] for finger in range(5)]))
+        return self._pads[0]
 
     @cached_property
     def places(self) -> Mapping[str, Place]:
@@ -152,7 +152,11 @@ class Hand:
                 f"{name!r} is not a place of a hand; use one of {', '.join(PLACES)}.",
                 code="unknown_name",
             )
-        return self._palm if name == "palm" else self._pad(PLACES.index(name))
+        if name == "palm":
+            return self._palm
+        points, normals = self._pads
+        finger = PLACES.index(name)
+        return points[finger], normals[finger]
 
     def place(self, name: str) -> Place:
         """Return a named position on the skin (3,) [m] and the outward unit normal there (3,).
@@ -284,18 +288,22 @@ class Hand:
         new = hand_from_joints(joints, self.radii, side=self.side)
         return Hand(new.joints, new.radii, new.side, self.shape.keyframe)
 
-    def _pad(self, finger: int) -> Place:
-        share = 0.55  # position of the pad along the last bone
-        root, tip = CHAINS[finger][-2:]
-        along = self.joints[tip] - self.joints[root]
-        bone = unit(along)
-        # The pad faces the direction in which the finger bends. The skin of the last bone is a
-        # cone, whose normal leans toward the tip by the taper.
-        out = unit(cross(bending_axis(self.joints, self.side, finger), bone))
-        taper = (self.radii[root] - self.radii[tip]) / float(np.linalg.norm(along))
-        normal = math.sqrt(max(1.0 - taper**2, 0.0)) * out + taper * bone
-        radius = (1.0 - share) * self.radii[root] + share * self.radii[tip]
-        return fixed(self.joints[root] + share * along + radius * normal), fixed(normal)
+    @cached_property
+    def _pads(self) -> tuple[Float64[np.ndarray, "5 3"], Float64[np.ndarray, "5 3"]]:
+        """Centres of the fingertips' pads [m], and the normals there."""
+        share = 0.55  # position of the pads along the last bones
+        along, lengths, hinges = (
+            of_bones[:, -1] for of_bones in finger_bones(self.joints, self.side)
+        )
+        roots, tips = OUTER_JOINTS[:, -2:].T
+        # A pad faces the direction in which its finger bends. The skin of the last bone is a cone,
+        # whose normal leans toward the tip by the taper.
+        out = crossed(hinges, along)
+        taper = ((self.radii[roots] - self.radii[tips]) / lengths)[:, None]
+        normals = np.sqrt(np.maximum(1.0 - taper**2, 0.0)) * out + taper * along
+        radii = (1.0 - share) * self.radii[roots] + share * self.radii[tips]
+        centres = self.joints[roots] + share * lengths[:, None] * along
+        return fixed(centres + radii[:, None] * normals), fixed(normals)
 
     @cached_property
     def _palm(self) -> Place:
@@ -303,13 +311,18 @@ class Hand:
         inwards = back if self.side == "right" else -back
         # The search starts between the metacarpals of the four fingers, 30 mm outside the skin.
         point = self.joints[[5, 6, 10, 11, 15, 16, 20, 21]].mean(axis=0) - 0.03 * inwards
-        # Sphere tracing: no step is longer than the distance, so the search stops at the skin.
+        skin = self.shape.hulls.look(point[None])
         for _ in range(60):
-            distance = float(self.shape.hulls.look(point[None]).distance[0])
-            if distance < 1e-9:
+            distance = float(skin.distance[0])
+            if abs(distance) < 1e-9:
                 break
-            point = point + 0.8 * distance * inwards
-        return fixed(point), fixed(unit(self.shape.hulls.look(point[None]).gradient[0]))
+            # Sphere tracing: no step is longer than the distance, so the search stops at the skin.
+            # Near the skin, Newton's method takes fewer steps.
+            slope = -float(skin.gradient[0] @ inwards)
+            step = 0.8 * distance if abs(distance) > 1e-3 else distance / max(slope, 0.5)
+            point = point + step * inwards
+            skin = self.shape.hulls.look(point[None])
+        return fixed(point), fixed(unit(skin.gradient[0]))
 
 
 def hand_from_joints(

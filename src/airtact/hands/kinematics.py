@@ -9,28 +9,47 @@ from jaxtyping import Float64
 
 from airtact.errors import InvalidInput
 from airtact.hands.body import OWNER, PARTS, Hulls
-from airtact.hands.joints import BONES, CHAINS, FINGERS, Joints, Point, Radii, cross, unit
+from airtact.hands.joints import BONES, CHAINS, FINGERS, Joints, Point, Radii, cross, crossed, unit
+
+# Four outer joints of each finger.
+OUTER_JOINTS = np.array([chain[-4:] for chain in CHAINS])
 
 # Usual ratio of the bends of a finger's last joint and middle joint, which share a tendon.
 LAST_BEND_SHARE = 2.0 / 3.0
 
 
-def bending_axis(joints: Joints, side: str, finger: int) -> Point:
-    """Return the axis (3,) about which a positive rotation bends a finger (0 is the thumb)."""
-    sign = 1.0 if side == "right" else -1.0
-    across = unit(joints[6] - joints[21])
-    bones = np.diff(joints[list(CHAINS[finger][-4:])], axis=0)
-    bones = bones / np.linalg.norm(bones, axis=1, keepdims=True)
-    if finger == 0:
-        # The thumb's pad faces the root of the index finger and, half as much, the palm.
-        back = sign * unit(cross(joints[11] - joints[0], across))
-        towards = unit(0.5 * (joints[6] + joints[7]) - joints[4]) - 0.5 * back
-        return unit(cross(bones[-1], towards))
+# Directions (5, 3, 3), lengths (5, 3) [m] and hinges (5, 3, 3) of the outer bones of all fingers.
+FingerBones = tuple[
+    Float64[np.ndarray, "5 3 3"], Float64[np.ndarray, "5 3"], Float64[np.ndarray, "5 3 3"]
+]
+
+
+def finger_bones(joints: Joints, side: str) -> FingerBones:
+    """Return directions, lengths [m] and hinges of the three outer bones of all fingers.
+
+    The thumb is the first finger. The hinge of a bone is the unit vector, perpendicular to the
+    bone, about which a positive rotation bends the finger.
+    """
+    bones = np.diff(joints[OUTER_JOINTS], axis=1)
+    lengths = np.sqrt(np.sum(bones**2, axis=2))
+    along = bones / lengths[..., None]
+    palm = (1.0 if side == "right" else -1.0) * unit(joints[6] - joints[21])
     # The axis of the palm, with a weight of 0.3, stabilises the axis of a straight finger.
-    palm = sign * across
-    bends = sum(cross(first, second) for first, second in pairwise(bones))
-    axis = unit(0.3 * palm + (bends if bends @ palm > 0.0 else 0.0))
-    return unit(axis - (axis @ bones[-1]) * bones[-1])
+    bends = crossed(along[:, :-1], along[:, 1:]).sum(axis=1)
+    axes = 0.3 * palm + np.where((bends @ palm > 0.0)[:, None], bends, 0.0)
+    # The thumb's pad faces the root of the index finger and, half as much, the palm.
+    back = unit(cross(joints[11] - joints[0], palm))
+    towards = unit(0.5 * (joints[6] + joints[7]) - joints[4]) - 0.5 * back
+    axes[0] = cross(along[0, -1], towards)
+    axes += 1e-9  # where axis and bone are parallel, any hinge is suitable
+    hinges = axes[:, None] - np.sum(axes[:, None] * along, axis=2, keepdims=True) * along
+    hinges /= np.sqrt(np.sum(hinges**2, axis=2, keepdims=True))
+    return along, lengths, hinges
+
+
+def bending_axis(joints: Joints, side: str, finger: int) -> Point:
+    """Return the hinge (3,) of the last bone of a finger (0 is the thumb); see ``finger_bones``."""
+    return finger_bones(joints, side)[2][finger, 2]
 
 
 def turned(joints: Joints, side: str, finger: int, angle: float) -> Joints:

@@ -24,10 +24,9 @@ from airtact.hands.joints import (
     CHAINS,
     Joints,
     check_finger_order,
-    cross,
+    crossed,
     joints_of,
     radii_of,
-    unit,
 )
 from airtact.setup.bodies import unsided
 from airtact.setup.setup import Setup
@@ -394,21 +393,17 @@ def pose_hand(scene: LiveScene, joints: Joints, offset: float | None = None) -> 
     # The directions to 12 elements, spread over the array, describe the orientation of the hand.
     elements = scene.array.positions[:: max(1, len(scene.array) // 12)]
     foci = foci_on(hand, scene, offset)
-    frames = []
-    directions = []
-    points = []
-    for place, focus in zip(scene.places, foci, strict=True):
-        start, end = hand.joints[list(bone_of(place))]
-        along = unit(end - start)
-        across = unit(cross(end - start, focus - start))
-        frame = np.stack([along, across, cross(along, across)])
-        seen = elements - focus
-        frames.append(frame)
-        directions.append(seen @ frame.T / np.linalg.norm(seen, axis=1, keepdims=True))
-        points += [focus, start, end]
+    ends = hand.joints[[bone_of(place) for place in scene.places]]
+    along = ends[:, 1] - ends[:, 0]
+    across = crossed(along, foci - ends[:, 0])
+    frames = np.stack([along, across, crossed(along, across)], axis=1)
+    frames /= np.linalg.norm(frames, axis=2, keepdims=True)
+    seen = elements - foci[:, None]
+    seen /= np.linalg.norm(seen, axis=2, keepdims=True)
+    points = np.concatenate([foci[:, None], ends], axis=1).reshape(-1, 3)
     first, second = np.triu_indices(len(points), 1)
-    distances = np.linalg.norm(np.array(points)[first] - np.array(points)[second], axis=1)
-    return PosedHand(hand, foci, np.array(frames), distances, np.array(directions))
+    distances = np.linalg.norm(points[first] - points[second], axis=1)
+    return PosedHand(hand, foci, frames, distances, seen @ frames.swapaxes(1, 2))
 
 
 def gap_change(

@@ -48,7 +48,7 @@ def test_a_constant_velocity_is_predicted_without_lag(latency):
         predictor.take(gliding(index, time))
         assert predictor.at(time).time == pytest.approx(time + latency, abs=1e-12)
     assert_lands(predictor, 1.25, gliding(8, 1.25 + latency).landmarks, atol=1e-4)
-    np.testing.assert_allclose(predictor.velocities(), [[0.3, -0.2, 0.35]] * 25, atol=1e-3)
+    np.testing.assert_allclose(predictor.velocities(1.25), [[0.3, -0.2, 0.35]] * 25, atol=1e-3)
 
 
 @pytest.mark.parametrize("chosen", [np.arange(25), TRACKED], ids=["25", "21"])
@@ -58,6 +58,21 @@ def test_a_finger_that_turns_steadily_is_predicted_without_lag(chosen):
 
     predictor = taken(Predictor(1 / 60, noise=1e-4), *(bending(index) for index in range(30)))
     assert_lands(predictor, 29 / 60, bending(30).landmarks, atol=2e-4)
+
+
+def test_velocities_include_the_acceleration_of_a_finger():
+    def waving(time):
+        # The middle finger waves at 1 Hz.
+        angle = -0.25 * (1.0 - np.cos(2 * np.pi * time))
+        return turned(JOINTS, "left", 2, angle)
+
+    frames = (still(index, index / 60, landmarks=waving(index / 60)) for index in range(61))
+    predictor = taken(Predictor(0.02, noise=1e-4), *frames)
+    true = (waving(1.07) - waving(1.02)) / 0.05
+    tip = CHAINS[2][-1]
+    error = np.linalg.norm(predictor.velocities(1.0)[tip] - true[tip])
+    # At 1 s the tip is at rest, so a constant velocity would have an error of 100 %.
+    assert error < 0.4 * np.linalg.norm(true[tip])
 
 
 def test_errors_of_a_hand_at_rest_fall_as_those_of_a_regression():

@@ -26,11 +26,11 @@ from jaxtyping import Float64, Int64
 from scipy.linalg import solve_triangular
 from scipy.spatial.transform import Rotation
 
-from airtact.hands.joints import CHAINS, Joints, crossed
+from airtact.hands.joints import Joints, crossed
+from airtact.hands.kinematics import OUTER_JOINTS, finger_bones
 
-# Joints of each finger from its root, and those of the palm, which include the roots.
-FINGER_JOINTS = np.array([chain[-4:] for chain in CHAINS])
-PALM = np.setdiff1d(np.arange(25), FINGER_JOINTS[:, 1:])
+# Joints of the palm, which include the roots of the fingers.
+PALM = np.setdiff1d(np.arange(25), OUTER_JOINTS[:, 1:])
 
 # Degrees of freedom of the finger joints (5 fingers, 7 each), of the bone lengths (5, 3), and of
 # the joints of the palm (10, 3). The first six are the shift and turn of the palm.
@@ -63,8 +63,7 @@ MEMORY = 0.2
 # Random walk of the remaining turns [rad²/s] and of the shape [m²/s].
 WALKS = np.where(ACCELERATIONS > 0.0, 0.0, np.where(np.arange(COUNT) < LENGTHS.start, 1e-3, 1e-8))
 
-# Directions and lengths [m] of the finger bones, their hinges, and the axes of all joint turns. A
-# hinge is the axis about which a bone bends, as in ``bending_axis``.
+# Result of ``finger_bones``, and the axes of all joint turns.
 Bones = tuple[
     Float64[np.ndarray, "5 3 3"],
     Float64[np.ndarray, "5 3"],
@@ -74,7 +73,7 @@ Bones = tuple[
 
 # The palm (0) and each finger (1 to 5) have their own agility: group of each joint and each rate.
 GROUPS = np.zeros(25, dtype=np.int64)
-GROUPS[FINGER_JOINTS[:, 1:]] = np.arange(1, 6)[:, None]
+GROUPS[OUTER_JOINTS[:, 1:]] = np.arange(1, 6)[:, None]
 RATE_GROUPS = np.where(MOVING < 6, 0, 1 + (MOVING - TURNS.start) // 7)
 
 
@@ -82,16 +81,16 @@ def _moved_joints() -> Float64[np.ndarray, "25 1 dofs"]:
     """Return a matrix with 1 where a degree of freedom moves a joint, and 0 elsewhere."""
     moved = np.zeros((25, COUNT))
     moved[:, :6] = 1.0
-    for finger, joints in enumerate(FINGER_JOINTS):
+    for finger, joints in enumerate(OUTER_JOINTS):
         for turn, level in enumerate(LEVELS):
             moved[joints[level + 1 :], TURNS.start + 7 * finger + turn] = 1.0
         for bone in range(3):
             moved[joints[bone + 1 :], LENGTHS.start + 3 * finger + bone] = 1.0
     for index, joint in enumerate(PALM):
         # A finger moves together with its root.
-        roots = joint == FINGER_JOINTS[:, 0]
+        roots = joint == OUTER_JOINTS[:, 0]
         start = PALM_JOINTS.start + 3 * index
-        moved[[joint, *FINGER_JOINTS[roots].ravel()], start : start + 3] = 1.0
+        moved[[joint, *OUTER_JOINTS[roots].ravel()], start : start + 3] = 1.0
     return moved[:, None]
 
 
@@ -133,7 +132,7 @@ class ArticulatedHand:
         self.joints = np.array(joints, dtype=np.float64)
         self.rates = np.zeros(len(MOVING))
         self.accelerations = np.zeros(len(MOVING))
-        self._across_sign = 1.0 if side == "right" else -1.0
+        self._side = side
         self._agilities = np.full(6, agility)
         # Variance of the error of the frames' times [s²], time of the last frame [s], mean step
         # between frames [s] and its variance [s²]. The first frames may be 5 ms off.
@@ -215,7 +214,8 @@ class ArticulatedHand:
         surprise = (landmarks - self.joints[seen]).ravel()
         mixed = slopes @ self.covariance[:COUNT]
         expected = mixed[:, :COUNT] @ slopes.T
-        expected += common**2 * np.tile(np.eye(3), (len(seen), len(seen)))
+        if common > 0.0:
+            expected += common**2 * np.tile(np.eye(3), (len(seen), len(seen)))
         # At least 1 µm, so that rounding errors do not matter.
         expected += max(noise, 1e-6) ** 2 * np.eye(len(expected))
         # An error of the frame's time shifts all joints along their velocities. Its variance is
@@ -244,13 +244,10 @@ class ArticulatedHand:
         # The agility of a part rises if its motion is less predictable than expected, or else
         # falls.
         excess = (surprise**2 / np.diag(expected)).reshape(-1, 3).mean(axis=1) - 1.0
-        of_groups = np.array([excess[GROUPS[seen] == group].mean() for group in range(6)])
+        groups = GROUPS[seen]
+        of_groups = np.bincount(groups, excess) / np.bincount(groups)
         self._agilities *= np.exp(0.05 * np.minimum(of_groups, 4.0))
         self._agilities = np.clip(self._agilities, agility, 10.0 * agility)
-
-    def velocities(self) -> Joints:
-        """Return the velocities (25, 3) of the joints [m/s]."""
-        return self._slopes()[:, :, MOVING] @ self.rates
 
     def joint_covariance(self) -> Float64[np.ndarray, "75 75"]:
         """Return the covariance (75, 75) of the coordinates of all joints [m²]."""
@@ -261,18 +258,7 @@ class ArticulatedHand:
         joints = self.joints
         if self._known is not None and self._known[0] is joints:
             return self._known[1]
-        bones = np.diff(joints[FINGER_JOINTS], axis=1)
-        lengths = np.sqrt(np.sum(bones**2, axis=2))
-        along = bones / lengths[..., None]
-        palm = self._across_sign * _unit(joints[6] - joints[21])
-        bends = crossed(along[:, :-1], along[:, 1:]).sum(axis=1)
-        hinges = 0.3 * palm + np.where((bends @ palm > 0.0)[:, None], bends, 0.0)
-        back = _unit(crossed(joints[11] - joints[0], palm))
-        towards = _unit(0.5 * (joints[6] + joints[7]) - joints[4]) - 0.5 * back
-        hinges[0] = crossed(along[0, -1], towards)
-        hinges += 1e-9  # where hinge and bone are parallel, any axis is suitable
-        hinges = hinges[:, None] - np.sum(hinges[:, None] * along, axis=2, keepdims=True) * along
-        hinges = _unit(hinges)
+        along, lengths, hinges = finger_bones(joints, self._side)
         axes = np.stack([hinges, crossed(along, hinges), along], axis=2)
         axes = axes.reshape(5, 9, 3)[:, USED_AXES]
         self._known = (joints, (along, lengths, hinges, axes))
@@ -282,8 +268,9 @@ class ArticulatedHand:
         joints = self.joints
         along, _, _, axes = self._bones()
         axes = np.concatenate([np.eye(3), axes.reshape(-1, 3)])
-        centres = np.tile(joints[PALM].mean(axis=0), (3, 1))
-        origins = np.concatenate([centres, joints[FINGER_JOINTS[:, LEVELS]].reshape(-1, 3)])
+        centre = joints[PALM].mean(axis=0)
+        roots = joints[OUTER_JOINTS[:, LEVELS]].reshape(-1, 3)
+        origins = np.concatenate([[centre, centre, centre], roots])
         slopes = np.empty((25, 3, COUNT))
         slopes[:, :, :3] = np.eye(3)
         arms = joints[:, None] - origins
@@ -310,7 +297,7 @@ class ArticulatedHand:
         joints[PALM] = (palm - centre) @ turn.T + centre + change[:3]
         joints[PALM] += change[PALM_JOINTS].reshape(10, 3)
         bones = np.cumsum(lengths[..., None] * turned[..., 0], axis=1)
-        joints[FINGER_JOINTS[:, 1:]] = joints[FINGER_JOINTS[:, :1]] + bones
+        joints[OUTER_JOINTS[:, 1:]] = joints[OUTER_JOINTS[:, :1]] + bones
         return joints
 
 
@@ -319,7 +306,3 @@ def _shares(step: float) -> tuple[float, float, float]:
     remaining = float(np.exp(-step / MEMORY))
     of_rate = MEMORY * (1.0 - remaining)
     return MEMORY * (step - of_rate), of_rate, remaining
-
-
-def _unit(vectors: Float64[np.ndarray, "*any 3"]) -> Float64[np.ndarray, "*any 3"]:
-    return vectors / np.sqrt(np.sum(vectors**2, axis=-1, keepdims=True))

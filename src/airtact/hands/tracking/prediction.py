@@ -203,10 +203,14 @@ class Predictor:
         covariance = self._advanced(time + self.latency).joint_covariance()
         return float(np.sqrt(np.diag(covariance).mean()))
 
-    def velocities(self) -> Float64[np.ndarray, "landmarks 3"]:
-        """Return the velocities [m/s] of the landmarks at the time of the latest frame."""
+    def velocities(self, time: float, span: float = 0.05) -> Float64[np.ndarray, "landmarks 3"]:
+        """Return the landmarks' mean velocities [m/s] during ``span`` [s] from ``at(time)`` on.
+
+        They include the accelerations of the hand and of its joints.
+        """
         _, newest, hand = self._state()
-        velocities = hand.velocities()
+        then = max(time, hand.time) + self.latency
+        velocities = (hand.joints_at(then + span) - hand.joints_at(then)) / span
         return velocities[TRACKED] if len(newest) == 21 else velocities
 
     def uncertainty(self, time: float) -> Uncertainty:

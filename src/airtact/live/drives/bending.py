@@ -35,7 +35,7 @@ from airtact.geometry.mesh.triangles import QuadraticTriangles
 from airtact.hands.body import FREE, OWNER, PARTS
 from airtact.hands.hand import Hand
 from airtact.hands.joints import CHAINS, Points, cross
-from airtact.hands.kinematics import bending_axis
+from airtact.hands.kinematics import finger_bones
 from airtact.hands.shape import hull_weights
 from airtact.live.drives.factors import ACCURACY, Factors, HandFactors, part_of
 from airtact.live.drives.moving import phasors
@@ -72,12 +72,12 @@ def bones_of(hand: Hand) -> Bones:
     joints = hand.joints
     palm = joints[[5, 6, 10, 11, 15, 16, 20, 21]].mean(axis=0)
     normal = cross(joints[11] - joints[0], joints[6] - joints[21])
-    hinges = np.array([bending_axis(joints, hand.side, finger) for finger in range(5)])
+    _, _, hinges = finger_bones(joints, hand.side)
     root, knuckle = joints[list(CHAINS[2][:2])]
     # The phalanges are followed by the thumb's metacarpal, which turns about the thumb's hinge.
     starts, ends = joints[PARTS[: FREE + 1, :2].T]
     along = np.vstack([ends - starts, knuckle - root])
-    across = np.vstack([hinges[[*OWNER, 0]], cross(knuckle - root, normal)])
+    across = np.vstack([hinges[[*OWNER, 0], 2], cross(knuckle - root, normal)])
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     across -= along * np.sum(along * across, axis=1, keepdims=True)
     across /= np.linalg.norm(across, axis=1, keepdims=True)
@@ -146,8 +146,11 @@ class SkinSources:
     posed, bones : the hand in the predicted pose, and its bones.
     points : (N, 3) positions of the sources [m].
     weights : (N, H) weight of each bone in the motion of each source.
+    parts, begin : the bones that have sources, and the index of the first source of each. The
+        sources are sorted by bone.
     straight : (F,) strengths of the beacons: 1, or 2 for a beacon on the skin.
     leading : panels that are solved again in other poses.
+    of_leading : indices of the sources on these panels.
     rest : (N, F) strength of each source in the solution for each focus [Pa·m], minus that in a
         solution for the ``leading`` panels alone.
     """
@@ -157,8 +160,11 @@ class SkinSources:
     bones: Bones
     points: Points
     weights: Weights
+    parts: Int64[np.ndarray, "parts"]
+    begin: Int64[np.ndarray, "parts"]
     straight: Float64[np.ndarray, "foci"]
     leading: "LeadingPanels"
+    of_leading: Int64[np.ndarray, "leading"]
     rest: Complex128[np.ndarray, "points foci"]
 
     def carried(
@@ -177,19 +183,14 @@ class SkinSources:
         # The strength contains the phase of the path from the focus to the source, and the wave
         # contains that of the path from the source to the element.
         strengths = self.rest * phasors(wavenumber.real * detour)
-        strengths[self.leading.sources] += self.leading.strengths(posed)
+        strengths[self.of_leading] += self.leading.strengths(posed)
         beacons = np.eye(len(posed.foci), dtype=np.complex128)
         straight = monopole_pressure(elements, posed.foci, beacons, wavenumber, "float32")
         waves = np.zeros((len(PARTS), *straight.T.shape), dtype=np.complex64)
         centres = np.zeros((len(PARTS), len(posed.foci), 3))
-        # Sort the sources by bone, so that those of a bone form a slice.
-        owner = self.weights.argmax(axis=1)
-        order = np.argsort(owner, kind="stable")
-        points = points[order]
-        strengths = strengths[order]
-        power = np.real(strengths * np.conj(strengths))
-        parts, begin = np.unique(owner[order], return_index=True)
-        for part, first, last in zip(parts, begin, [*begin[1:], len(owner)], strict=True):
+        power = np.real(strengths) ** 2 + np.imag(strengths) ** 2
+        ends = [*self.begin[1:], len(points)]
+        for part, first, last in zip(self.parts, self.begin, ends, strict=True):
             of_bone = slice(first, last)
             centres[part] = power[of_bone].T @ points[of_bone]
             centres[part] /= power[of_bone].sum(axis=0)[:, None]
@@ -337,15 +338,22 @@ class BendingPanels:
         rest[self._leading.sources] -= self._leading.strengths(posed)
         # The six sources on a panel move like the mean of its corners.
         panel_weights = self._corner_weights.reshape(-1, 6, len(PARTS)).mean(axis=1)
+        weights = np.concatenate([np.repeat(panel_weights, 6, axis=0), self._inside_weights])
+        owner = weights.argmax(axis=1)
+        order = np.argsort(owner, kind="stable")
+        parts, begin = np.unique(owner[order], return_index=True)
         return SkinSources(
             time=time,
             posed=posed,
             bones=bones,
-            points=sources.positions,
-            weights=np.concatenate([np.repeat(panel_weights, 6, axis=0), self._inside_weights]),
+            points=sources.positions[order],
+            weights=weights[order],
+            parts=parts,
+            begin=begin,
             straight=solution.factors,
             leading=self._leading,
-            rest=rest,
+            of_leading=np.argsort(order)[self._leading.sources],
+            rest=rest[order],
         )
 
     def radiated(self, posed: PosedHand) -> tuple[Bones, TransposedSolution]:

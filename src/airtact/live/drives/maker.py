@@ -8,7 +8,7 @@ import numpy as np
 
 import airtact as at
 from airtact.errors import InvalidInput
-from airtact.hands.joints import completed, joints_of
+from airtact.hands.joints import completed
 from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.prediction import AGILITY, Predictor
 from airtact.live.drives.factors import OpenAir
@@ -30,17 +30,12 @@ def solved_for(scene: LiveScene) -> list[Rule]:
 def predicted_joints(predictor: Predictor, time: float) -> tuple[Joints, Joints] | None:
     """Return the joints (25, 3) [m] and their velocities (25, 3) [m/s] predicted for ``time`` [s].
 
-    None is returned if no hand is seen.
-
-    Raises
-    ------
-    InvalidInput
-        If the prediction does not form a hand.
+    None is returned if no hand is seen. The joints may not form a hand.
     """
     landmarks = predictor.at(time).landmarks
     if landmarks is None:
         return None
-    return joints_of(landmarks), completed(predictor.velocities())
+    return completed(landmarks), completed(predictor.velocities(time))
 
 
 class SolvingMaker(DriveMaker):
