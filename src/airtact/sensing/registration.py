@@ -29,6 +29,7 @@ from airtact.sensing.scattering import (
     check_own,
     scattering_matrix,
 )
+from airtact.timing import one_thread
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
 
@@ -122,6 +123,8 @@ def _last_view(array: PhasedArray, start: bytes) -> PhasedArray:
     return array.seen_from(Pose(rows[:3], rows[3]))
 
 
+# Two threads would take twice as long, because the products are small.
+@one_thread()
 def locate(
     echoes: Echoes,
     scene: Scene | ScatteringFamily,
