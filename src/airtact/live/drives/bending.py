@@ -145,6 +145,7 @@ class SkinSources:
     time : time of the predicted pose, on the tracker's clock [s].
     posed, bones : the hand in the predicted pose, and its bones.
     points : (N, 3) positions of the sources [m].
+    apart : (N, F) distances of the sources from the foci [m].
     weights : (N, H) weight of each bone in the motion of each source.
     parts, begin : the bones that have sources, and the index of the first source of each. The
         sources are sorted by bone.
@@ -159,6 +160,7 @@ class SkinSources:
     posed: PosedHand
     bones: Bones
     points: Points
+    apart: Float64[np.ndarray, "points foci"]
     weights: Weights
     parts: Int64[np.ndarray, "parts"]
     begin: Int64[np.ndarray, "parts"]
@@ -179,7 +181,7 @@ class SkinSources:
         points = moved_by_bones(self.points, self.weights, self.bones, bones)
         array = scene.with_images.array
         elements = array.positions[subset.chosen]
-        detour = cdist(points, posed.foci) - cdist(self.points, self.posed.foci)
+        detour = cdist(points, posed.foci) - self.apart
         # The strength contains the phase of the path from the focus to the source, and the wave
         # contains that of the path from the source to the element.
         strengths = self.rest * phasors(wavenumber.real * detour)
@@ -342,11 +344,13 @@ class BendingPanels:
         owner = weights.argmax(axis=1)
         order = np.argsort(owner, kind="stable")
         parts, begin = np.unique(owner[order], return_index=True)
+        points = sources.positions[order]
         return SkinSources(
             time=time,
             posed=posed,
             bones=bones,
-            points=sources.positions[order],
+            points=points,
+            apart=cdist(points, posed.foci),
             weights=weights[order],
             parts=parts,
             begin=begin,
