@@ -314,7 +314,7 @@ class Hand:
         skin = self.shape.hulls.look(point[None])
         for _ in range(60):
             distance = float(skin.distance[0])
-            if abs(distance) < 1e-9:
+            if abs(distance) < 1e-9 or distance < -1e-3:  # deeper if a finger covers the palm
                 break
             # Sphere tracing: no step is longer than the distance, so the search stops at the skin.
             # Near the skin, Newton's method takes fewer steps.

@@ -207,9 +207,16 @@ class Predictor:
         """Return the landmarks' mean velocities [m/s] during ``span`` [s] from ``at(time)`` on.
 
         They include the accelerations of the hand and of its joints.
+
+        Raises
+        ------
+        InvalidInput
+            If no frame with landmarks has been processed yet, ``time`` is not a number, or ``span``
+            is not above zero.
         """
         _, newest, hand = self._state()
-        then = max(time, hand.time) + self.latency
+        span = positive(span, "span", "s")
+        then = max(number(time, "time", "s"), hand.time) + self.latency
         velocities = (hand.joints_at(then + span) - hand.joints_at(then)) / span
         return velocities[TRACKED] if len(newest) == 21 else velocities
 
