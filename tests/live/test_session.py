@@ -78,8 +78,8 @@ def test_a_full_disk_keeps_what_was_recorded_and_says_what_is_missing(path, room
         noise = np.exp(2j * np.pi * np.random.default_rng(count).random(249))
         writer.drive(replace(moment, amplitudes=noise), 0.01 * count)
         count += 1
-        # Rows that come too fast, or wait for the process to start, are written as one block, which
-        # does not fit.
+        # Rows that arrive too fast, or before the process has started, are written as one block,
+        # which does not fit.
         time.sleep(0.002)
         while path.stat().st_mtime_ns == before and writer.fault is None and time.monotonic() < end:
             time.sleep(0.01)

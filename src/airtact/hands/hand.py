@@ -123,7 +123,7 @@ class Hand:
             repairs=tuple(touch.note for touch in self.touches),
         )
 
-    @cached_property
+    @property
     def pads(self) -> Float64[np.ndarray, "5 3"]:
         """(5, 3) centre of each fingertip's pad on the skin [m], from thumb to little finger."""
         return self._pads[0]
@@ -314,7 +314,7 @@ class Hand:
         skin = self.shape.hulls.look(point[None])
         for _ in range(60):
             distance = float(skin.distance[0])
-            if abs(distance) < 1e-9 or distance < -1e-3:  # deeper if a finger covers the palm
+            if abs(distance) < 1e-9 or distance < -1e-3:  # inside a finger that covers the palm
                 break
             # Sphere tracing: no step is longer than the distance, so the search stops at the skin.
             # Near the skin, Newton's method takes fewer steps.

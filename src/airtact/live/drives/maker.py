@@ -30,7 +30,7 @@ def solved_for(scene: LiveScene) -> list[Rule]:
 def predicted_joints(predictor: Predictor, time: float) -> tuple[Joints, Joints] | None:
     """Return the joints (25, 3) [m] and their velocities (25, 3) [m/s] predicted for ``time`` [s].
 
-    None is returned if no hand is seen. The joints may not form a hand.
+    None is returned if no hand is seen. Whether the joints form a hand is not checked.
     """
     landmarks = predictor.at(time).landmarks
     if landmarks is None:
