@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import sph_legendre_p_all, spherical_jn, spherical_yn
+from scipy.special import sph_legendre_p_all
 
 from airtact.geometry.primitives import Capsule
 
@@ -87,11 +87,15 @@ def incident_rise(
     return slope + 1j * k * admittance * np.exp(1j * k * distance) / distance
 
 
-def hankel(orders: np.ndarray, argument: np.ndarray, derivative: bool = False) -> np.ndarray:
-    """Spherical Hankel function of the first kind."""
-    return spherical_jn(orders, argument, derivative) + 1j * spherical_yn(
-        orders, argument, derivative
-    )
+def hankel(order: int, argument: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Spherical Hankel functions of the first kind h_0 ... h_order, and their derivatives: (order + 1, P) each."""
+    # The upward recurrence is stable, since no solution of it grows faster than h_n.
+    h = np.empty((order + 2, len(argument)), dtype=np.complex128)
+    h[0] = -1j * np.exp(1j * argument) / argument
+    h[1] = h[0] * (1.0 / argument - 1j)
+    for n in range(1, order + 1):
+        h[n + 1] = (2 * n + 1) / argument * h[n] - h[n - 1]
+    return h[:-1], np.arange(order + 1)[:, None] / argument * h[:-1] - h[1:]
 
 
 @dataclass
@@ -178,10 +182,9 @@ def meridian_waves(
     """Waves h_n(kr)/h_n(ka) P_n^m(cos θ), m >= 0, in the half-plane φ = 0: (n, m, P), and slopes along normals."""
     distance, polar = np.hypot(flat, height), np.arctan2(flat, height)
     legendre = sph_legendre_p_all(order, order, polar, diff_n=1)[:, :, : order + 1]
-    n = np.arange(order + 1)[:, None]
-    scale = hankel(n, np.atleast_1d(wavenumber * radius))
-    radial = (hankel(n, wavenumber * distance) / scale)[:, None]
-    rise = (wavenumber * hankel(n, wavenumber * distance, True) / scale)[:, None]
+    scale, _ = hankel(order, np.array([wavenumber * radius]))
+    outgoing, slope = hankel(order, wavenumber * distance)
+    radial, rise = (outgoing / scale)[:, None], (wavenumber * slope / scale)[:, None]
     sine, cosine = flat / distance, height / distance
     outward, southward = (
         normal_flat * sine + normal_height * cosine,

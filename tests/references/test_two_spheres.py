@@ -19,19 +19,21 @@ def ball(centre, radius):
 
 
 @pytest.mark.parametrize("ratio", [None, 1.5 + 0.5j], ids=["hard", "impedance"])
-@pytest.mark.parametrize("off", [0.0, 5e-4, 0.03])
-def test_a_lonely_sphere_is_the_series(off, ratio):
+def test_a_lonely_sphere_is_the_series(ratio):
     """The other sphere is 0.5 mm wide and 5 m away: its echo is 4e-6 of what it hears."""
+    offs = np.repeat([0.0, 5e-4, 0.03], 5)
     spheres = [ball((0.001, 0.0, -0.002), 0.009), ball((3.0, 0.0, 4.0), 0.0005)]
-    near = np.array([0.001, 0.0, -0.002]) + (0.009 + off) * directions(5, 0)
+    near = np.array([0.001, 0.0, -0.002]) + (0.009 + offs[:, None]) * directions(15, 0)
     far = 0.08 * directions(12, 1)
     admittances = (1 / ratio, 2.0) if ratio else (0.0, 0.0)
     pressure, error = pressure_at(spheres, K, near, far, admittances=admittances)
     skin = spheres[0].mesh(0.006)
     scene = at.Scene(AIR, [at.impedance(skin, ratio) if ratio else at.sound_hard(skin)])
-    exact = at.SphereSeries().radiate(scene, at.Monopoles(near, np.eye(5))).at(far)
+    exact = at.SphereSeries().radiate(scene, at.Monopoles(near, np.eye(15))).at(far)
     assert error < 1e-5
-    np.testing.assert_allclose(pressure, exact, atol=2e-5 * np.abs(exact).max())
+    for off in np.unique(offs):
+        difference = np.abs(pressure - exact)[:, offs == off]
+        assert difference.max() < 2e-5 * np.abs(exact[:, offs == off]).max()
 
 
 @pytest.mark.parametrize(
