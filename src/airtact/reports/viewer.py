@@ -11,7 +11,7 @@ import re
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +60,7 @@ class SceneView:
     slices: Slices
     held_equal: str
 
-    @property
+    @cached_property
     def peak(self) -> float:
         """Largest pressure in the scene [Pa], at the end of the colour scale for all drives."""
         air = self.slices.pressures[self.slices.depth < 0.0]
