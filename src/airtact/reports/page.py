@@ -11,7 +11,10 @@ from markupsafe import Markup
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import imsave
-from PIL import Image
+from PIL import (
+    Image,
+    WebPImagePlugin,  # noqa: F401 (otherwise, saving a picture first imports all 44 formats)
+)
 
 from airtact.errors import as_sentence
 from airtact.files.atomic import whole_file
