@@ -72,11 +72,12 @@ def write_run_page(run: Rendering, folder: Path, progress: Progress) -> tuple[Pa
             ],
             # Several steps may issue the same warning.
             warnings=list(dict.fromkeys(run.warnings)),
-            fields=fields.result(),
-            **pictures.result(),
             **_foci(run),
             **_how(run, {**run.seconds, **clock.seconds}),
+            # The scene is packed while Matplotlib draws the last pictures.
             space=viewer_values(view),
+            fields=fields.result(),
+            **pictures.result(),
         )
     return files
 
@@ -166,9 +167,9 @@ def _pictures(run: Rendering) -> dict[str, Any]:
 def _error_of_cut(run: Rendering, cut: Cut) -> float:
     """Return the relative error of the pressures in the picture; 0 if the solver estimates none."""
     outside = np.flatnonzero(cut.depth < 0.0)
-    # At most 200 points, to limit the time. Evenly spaced points could all be points at which the
+    # At most 100 points, to limit the time. Evenly spaced points could all be points at which the
     # field was evaluated, without the error of the interpolation between them.
-    sample = np.random.default_rng(0).permutation(outside)[:200]
+    sample = np.random.default_rng(0).permutation(outside)[:100]
     field = run.verification.field
     error = float(np.max(field.error_at(cut.window.points[sample]), initial=0.0))
     if error > 0.0:
