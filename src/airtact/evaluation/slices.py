@@ -399,16 +399,18 @@ def pressure_on_surfaces(
     wavenumber = field.scene.wavenumber.real  # absorption is negligible over a few millimetres
     distances, nodes = _nearest_nodes(surface, points, 0.0, 10)
     normals = surface.normals[nodes]
-    around = surface.points[nodes]
     # Exclude solved points around an edge or behind a thin wall.
     same_side = np.einsum("pkd,pd->pk", normals, normals[:, 0]) > 0.5
     same_side &= np.isfinite(distances)
-    distances = np.where(same_side, distances, 0.0)
-    between = np.linalg.norm(around[:, :, None] - around[:, None], axis=-1)
-    covariance = np.sinc(wavenumber * between / np.pi) * same_side[:, :, None] * same_side[:, None]
+    # Phases kr from scalar products, which takes half the time of the differences of all pairs.
+    around = wavenumber * (surface.points[nodes] - points[:, None])
+    products = around @ around.transpose(0, 2, 1)
+    squares = np.einsum("pkk->pk", products)
+    phases = np.sqrt(np.abs(squares[:, :, None] + squares[:, None] - 2.0 * products))
+    covariance = np.sinc(phases / np.pi) * (same_side[:, :, None] & same_side[:, None])
     # The errors of the solved pressure are assumed to have 1e-4 of its variance.
     diagonal = np.arange(distances.shape[1])
     covariance[:, diagonal, diagonal] = 1.0 + 1e-4
-    to_point = np.sinc(wavenumber * distances / np.pi) * same_side
+    to_point = np.sinc(np.sqrt(squares) / np.pi) * same_side
     weights = np.linalg.solve(covariance, to_point[..., None])
     return np.einsum("pkn,pks->ps", weights, surface.pressure[nodes])
