@@ -196,7 +196,7 @@ def _split_edges(
                 on = [number for number in range(3) if ends <= nodes_on_edges[number]]
                 parent_edges.append(on[0] if on else 3)
             shape = shape_functions(with_middles(NODE_REFERENCES[nodes][None])[0])
-            new_panels.append(np.einsum("na,tad->tnd", shape, panels[chosen]))
+            new_panels.append(shape @ panels[chosen])
             new_triangles.append(vertices[chosen][:, nodes])
             new_sharp.append(sharp[chosen][:, parent_edges])
     return np.concatenate(new_panels), np.concatenate(new_triangles), np.concatenate(new_sharp)
