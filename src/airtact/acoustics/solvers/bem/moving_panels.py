@@ -295,14 +295,29 @@ class BodiesBeforePlane:
             share = shrunk
             rest = left
             solution += step
-        if share > tolerance:
+        if share <= tolerance:
+            # This approximate solution for the rest needs no product with the matrix.
+            correction = self.matrix.preconditioned(rest, transposed=True)
+        else:
+            pairs: list[tuple[SideRows, SideRows]] = []
+
+            def product(vectors: SideRows) -> SideRows:
+                step = self.matrix.preconditioned(vectors, transposed=True)
+                of_bodies = self.matrix.times(step, transposed=True)
+                pairs.append((vectors, of_bodies))
+                return of_bodies + image.times(step, transposed=True)
+
             # Solving more accurately makes better combinations for the following planes.
-            right = rest.T.astype(np.complex128)
-            closer = 0.5 * tolerance / share
-            solved = self.solver._iterate(scene, [self.matrix, image], right, True, closer)
-            correction = solved.solution.astype(np.complex64)
-            solution += correction
-            self.earlier.add(correction, self.matrix.times(correction, transposed=True))
+            closer = 0.7 * tolerance / share
+            solved = gmres(product, rest, closer, error=0.5 * self.solver.accuracy).solution
+            correction = self.matrix.preconditioned(solved, transposed=True)
+            # The vectors of GMRES are orthonormal, so their weights are inner products.
+            products = [
+                np.einsum("sn,sn->s", vectors.conj(), solved)[:, None] * of_bodies
+                for vectors, of_bodies in pairs
+            ]
+            self.earlier.add(correction, np.sum(products, axis=0))
+        solution += correction
         monopoles = TransposedSolution(
             self.sources, self.surface, solution.T * size, self.factors
         ).scattering
