@@ -64,9 +64,6 @@ def render(
         setup = setup_for(folder, scene)
         if method is not None:
             setup = replace(setup, method=method)
-        if pictures:
-            # Import Matplotlib while the kernels compute, because this takes half a second.
-            Thread(target=import_module, args=["airtact.reports.run_page"], daemon=True).start()
         files: list[Path] = []
         unverified = ""
         clock = Clock(report_step)
@@ -75,6 +72,9 @@ def render(
             report_step(f"writing the drive, which is not yet verified, to {folder}")
             files += save_files(computed, folder)
             unverified = f" The drive in {folder} is not verified."
+            if pictures:
+                # Import Matplotlib while the kernels verify, because this takes half a second.
+                Thread(target=import_module, args=["airtact.reports.run_page"], daemon=True).start()
             result = verify(computed, clock, store)
             if result.drive is not computed.drive:
                 report_step("writing the drive, scaled to the requested pressures")
