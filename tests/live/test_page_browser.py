@@ -214,7 +214,8 @@ def test_the_page_of_a_registration_shows_what_to_touch_and_what_to_repeat(brows
         assert heading.text_content() == "Touch 2 of 6"
         assert words.text_content() == "transducer 17: hold for 0.6 s"
         assert rows.all_text_contents() == ["1recorded", "2touch now", "3", "4", "5", "6"]
-        assert "touch 2" in page.locator("svg text").all_text_contents()
+        # The labels are drawn with the next image of the 3-D scene.
+        page.locator("svg text", has_text="touch 2").wait_for()
         # The touch that contradicts the others is the one to repeat.
         served.show(replace(step, share=0.0, residuals=(1e-3, 2e-2, 0.0, 0.0, 0.0, 1e-3)))
         page.locator("tr.wrong").wait_for()
