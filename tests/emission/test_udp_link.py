@@ -34,7 +34,9 @@ def link(boards):
     link = UDPLink(random_poses(4), boards.address)
     link.open()
     yield link
-    link.close()
+    # On a busy machine the boards, which are a thread of this process, may not reply in time.
+    with suppress(LinkFailed):
+        link.close()
 
 
 def differ(boards: UDPBoards, frame: at.drives.Frame, index: int = 0) -> int:
