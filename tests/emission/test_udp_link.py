@@ -35,8 +35,11 @@ def link(boards):
     link.open()
     yield link
     # On a busy machine the boards, which are a thread of this process, may not reply in time.
-    with suppress(LinkFailed):
+    try:
         link.close()
+    except LinkFailed as fault:
+        if getattr(fault.__cause__, "code", None) != link._sdk.Autd3Error.TIMEOUT:
+            raise
 
 
 def differ(boards: UDPBoards, frame: at.drives.Frame, index: int = 0) -> int:

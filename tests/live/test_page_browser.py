@@ -215,7 +215,7 @@ def test_the_page_of_a_registration_shows_what_to_touch_and_what_to_repeat(brows
         assert words.text_content() == "transducer 17: hold for 0.6 s"
         assert rows.all_text_contents() == ["1recorded", "2touch now", "3", "4", "5", "6"]
         # The labels are drawn with the next image of the 3-D scene.
-        page.locator("svg text", has_text="touch 2").wait_for()
+        page.locator("svg").get_by_text("touch 2", exact=True).wait_for()
         # The touch that contradicts the others is the one to repeat.
         served.show(replace(step, share=0.0, residuals=(1e-3, 2e-2, 0.0, 0.0, 0.0, 1e-3)))
         page.locator("tr.wrong").wait_for()
