@@ -4,6 +4,7 @@
 
 VENV := .venv
 BIN := $(VENV)/bin
+# The tests need the loops for all instruction sets, `make run` only those for the best that this machine has.
 # The build tools stay in .venv. Otherwise, pip would put them into a new folder each time, and compile everything again.
 INSTALL := PIP_CONSTRAINT=constraints.txt $(BIN)/pip install --quiet --no-build-isolation
 KERNELS := CMakeLists.txt pyproject.toml constraints.txt $(wildcard src/kernels/*.* src/kernels/*/*)
@@ -21,10 +22,10 @@ help:
 	@echo "make bench  measures the table in benchmarks/MEASUREMENTS.md"
 
 $(VENV)/installed: $(KERNELS)
-	@echo "Installing into $(VENV) takes several minutes, because packages are downloaded and C++ code is compiled."
+	@echo "Installing into $(VENV) takes minutes, because packages are downloaded and C++ code is compiled."
 	python3 -m venv $(VENV)
 	$(INSTALL) 'scikit-build-core>=1.1' 'nanobind>=2.5' cmake ninja
-	$(INSTALL) --editable '.[fem,mesh]'
+	AIRTACT_VARIANTS=best $(INSTALL) --editable '.[fem,live]'
 	@touch $@
 
 $(VENV)/installed-for-tests: $(VENV)/installed
@@ -36,11 +37,7 @@ run: $(VENV)/installed
 	$(BIN)/airtact render open_hand --out out/open_hand
 	@echo "Open out/pinch/report.html and out/open_hand/report.html; the drives are in drive.csv and drive.h5 in the same folders."
 
-$(VENV)/installed-for-live: $(VENV)/installed
-	$(INSTALL) --editable '.[live,mesh]'
-	@touch $@
-
-live: $(VENV)/installed-for-live
+live: $(VENV)/installed
 	$(BIN)/airtact live live_pinch --out out/live
 
 check: $(VENV)/installed-for-tests

@@ -18,14 +18,12 @@
 #define AIRTACT_VARIANT baseline
 #include "kernels.hpp"
 #undef AIRTACT_VARIANT
-#ifdef AIRTACT_X86
 #define AIRTACT_VARIANT avx2
 #include "kernels.hpp"
 #undef AIRTACT_VARIANT
 #define AIRTACT_VARIANT avx512
 #include "kernels.hpp"
 #undef AIRTACT_VARIANT
-#endif
 
 namespace nb = nanobind;
 using namespace airtact;
@@ -92,19 +90,23 @@ struct Variant {
       &v::surface_integral, &v::normal_derivative }
 
 static std::vector<Variant> runnable() {  // on this machine, the best last
-    std::vector<Variant> found{AIRTACT_TABLE(baseline)};
-#ifdef AIRTACT_X86
-    const bool fused = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
-    if (fused) found.push_back(AIRTACT_TABLE(avx2));
-    if (fused && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
-        __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512vl"))
+    std::vector<Variant> found;
+#ifdef AIRTACT_HAS_baseline
+    found.push_back(AIRTACT_TABLE(baseline));
+#endif
+#ifdef AIRTACT_HAS_avx2
+    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) found.push_back(AIRTACT_TABLE(avx2));
+#endif
+#ifdef AIRTACT_HAS_avx512
+    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("avx512f") &&
+        __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512vl"))
         found.push_back(AIRTACT_TABLE(avx512));
 #endif
     return found;
 }
 
 static const std::vector<Variant> variants = runnable();
-static const Variant *active = &variants.back();
+static const Variant *active = variants.empty() ? nullptr : &variants.back();
 
 template <class Real> const Far<Real> &far();
 template <> const Far<float> &far<float>() { return active->single; }
@@ -780,6 +782,7 @@ static void word_of_element(const Words *table, const void *, std::uint16_t boar
 }
 
 NB_MODULE(_kernels, m) {
+    if (!active) throw nb::import_error("airtact was compiled for a machine with other instructions: install it again on this one");
     // Structs that a session or a notebook still holds when Python ends are no fault to report.
     nb::set_leak_warnings(false);
     m.doc() = "The compiled loops; kernels.hpp documents each.";
