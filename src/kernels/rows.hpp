@@ -27,14 +27,13 @@ template <class T> struct OnLines {
 };
 template <class T> using Lined = std::vector<T, OnLines<T>>;
 
-// Prefetches bytes that are read or `written` soon, so far ahead of what is read now; a hint, without effect beyond the end of the
-// memory. For rows that are read side by side or filled far apart, which the hardware does not predict.
-template <int written = 0>
+// Prefetches bytes that are read soon, so far ahead of what is read now; a hint, without effect beyond the end of the memory.
+// For rows that are read side by side, which the hardware does not predict.
 inline void fetch([[maybe_unused]] const void *now, [[maybe_unused]] std::int64_t ahead, [[maybe_unused]] std::int64_t bytes) {
 #ifdef __GNUC__
     const auto begin = reinterpret_cast<std::uintptr_t>(now) + std::uintptr_t(ahead);
     for (std::int64_t b = 0; b < bytes; b += std::int64_t(cache_line))
-        __builtin_prefetch(reinterpret_cast<const void *>(begin + std::uintptr_t(b)), written);
+        __builtin_prefetch(reinterpret_cast<const void *>(begin + std::uintptr_t(b)));
 #endif
 }
 

@@ -63,7 +63,6 @@ void dual_blocks(const double *targets, const double *shifted, const double *poi
         for (std::int64_t e = whole.first[block]; e < whole.first[block + 1]; e++) {
             const std::int64_t begin = lanes * whole.column[e], n = std::min(lanes, m - begin);
             Store *const out = blocks + row_words * (lanes * e + top);
-            fetch<1>(out, row_words * lanes * sizeof(Store), sharing * row_words * sizeof(Store));  // of the next block
             fill(t, t2, layer.nodes, begin, n, Wave<Real>(k), rows);
             for (std::int64_t r = 0; r < sharing; r++) clear_rest(rows[r], n);
             add_near(near_shifted, group, begin, n, next_inside, [&](std::int64_t l, double re, double im) {
