@@ -51,8 +51,14 @@ template <> struct Series<float, false> {  // likewise, 4.7e-8
     float c[terms] = {0.999999953467f, -4.93479285868f, 4.05841191416f, -1.3318801612f, 0.219696798471f};
 };
 
-// sin(pi t) and cos(pi t), |t| < 2^21
-template <class Real> inline void sincospi(Real t, Real &sine, Real &cosine) {
+// x with its sign changed if `flip` is that of -0.0
+template <class Real> inline Real flipped(Real x, typename Traits<Real>::Bits flip) {
+    using Bits = typename Traits<Real>::Bits;
+    return bits<Real>(static_cast<Bits>(bits<Bits>(x) ^ flip));
+}
+
+// sin(pi t) and cos(pi t), |t| < 2^21, both `flipped` by what it returns
+template <class Real> inline typename Traits<Real>::Bits flipped_sincospi(Real t, Real &sine, Real &cosine) {
     using T = Traits<Real>;
     static constexpr Series<Real, true> S{};
     static constexpr Series<Real, false> C{};
@@ -63,8 +69,14 @@ template <class Real> inline void sincospi(Real t, Real &sine, Real &cosine) {
     Real s = S.c[S.terms - 1], c = C.c[C.terms - 1];
     for (int i = S.terms - 2; i >= 0; i--) s = s * z + S.c[i];
     for (int i = C.terms - 2; i >= 0; i--) c = c * z + C.c[i];
-    sine = bits<Real>(static_cast<typename T::Bits>(bits<typename T::Bits>(s * u) ^ flip));
-    cosine = bits<Real>(static_cast<typename T::Bits>(bits<typename T::Bits>(c) ^ flip));
+    sine = s * u, cosine = c;
+    return flip;
+}
+
+template <class Real> inline void sincospi(Real t, Real &sine, Real &cosine) {
+    Real s, c;
+    const auto flip = flipped_sincospi(t, s, c);
+    sine = flipped(s, flip), cosine = flipped(c, flip);
 }
 
 template <class Real> struct Exponential {  // e^f in powers of f, by Taylor

@@ -23,15 +23,18 @@ template <class Real, bool Lossy, bool Mixed>
 void fill_rows(const Real (*x)[3], const Real *inside, const Nodes<Real> &nodes, std::int64_t begin, std::int64_t n, Wave<Real> k,
                Real (*rows)[2 * lanes]) {
     for (std::int64_t j = 0; j < n; j += line<Real>) {
-        Real inside_re[line<Real>], inside_im[line<Real>], re[line<Real>], im[line<Real>];
-        double_layer_line<Real, Lossy, Mixed>(inside, nodes, begin + j, k, Real(0), inside_re, inside_im);
+        Real inside_re[line<Real>], inside_im[line<Real>];
+        Waves<Real> waves;
+        double_layer_line<Real, Lossy, Mixed>(inside, nodes, begin + j, k, Real(0), waves);
+        store(waves, inside_re, inside_im);
 #pragma GCC unroll 3
         for (std::int64_t r = 0; r < sharing; r++) {  // all at once, which hides the latency
-            double_layer_line<Real, Lossy, Mixed>(x[r], nodes, begin + j, k, Real(0), re, im);
+            double_layer_line<Real, Lossy, Mixed>(x[r], nodes, begin + j, k, Real(0), waves);
 #pragma omp simd
             for (int l = 0; l < line<Real>; l++) {
-                rows[r][j + l] = -re[l] - inside_im[l];
-                rows[r][lanes + j + l] = inside_re[l] - im[l];
+                // In an order that takes two multiply-adds each
+                rows[r][j + l] = waves.h[l] * waves.s[l] + (waves.g[l] * waves.c[l] - inside_im[l]);
+                rows[r][lanes + j + l] = waves.g[l] * waves.s[l] + (inside_re[l] - waves.h[l] * waves.c[l]);
             }
         }
     }

@@ -30,8 +30,11 @@ void fill_monopoles(const Real *x, const Real *const *points, std::int64_t from,
 template <class Real, bool Lossy, bool Mixed>
 void fill_row(const Real *x, const Nodes<Real> &nodes, std::int64_t from, std::int64_t n, Wave<Real> k, Real least, Real *re,
               Real *im) {
-    for (std::int64_t j = 0; j < n; j += line<Real>)
-        double_layer_line<Real, Lossy, Mixed>(x, nodes, from + j, k, least, re + j, im + j);
+    Waves<Real> waves;
+    for (std::int64_t j = 0; j < n; j += line<Real>) {
+        double_layer_line<Real, Lossy, Mixed>(x, nodes, from + j, k, least, waves);
+        store(waves, re + j, im + j);
+    }
 }
 
 template <class Real, bool Lossy, bool Mixed>
@@ -41,6 +44,7 @@ void fill_column(const Nodes<Real> &nodes, std::int64_t j, const Real *const *ta
     const Real normal[3] = {nodes.normal[0][j], nodes.normal[1][j], nodes.normal[2][j]};
     const Real *const tx = targets[0] + from, *const ty = targets[1] + from, *const tz = targets[2] + from;
     Real squares[line<Real>], along[line<Real>], a[line<Real>], b[line<Real>];
+    Waves<Real> waves;
     if (Mixed) std::fill(a, a + line<Real>, nodes.single[0][j]), std::fill(b, b + line<Real>, nodes.single[1][j]);
     for (std::int64_t i = 0; i < n; i += line<Real>) {
 #pragma omp simd
@@ -49,7 +53,8 @@ void fill_column(const Nodes<Real> &nodes, std::int64_t j, const Real *const *ta
             squares[l] = dx * dx + dy * dy + dz * dz;
             along[l] = dx * normal[0] + dy * normal[1] + dz * normal[2];
         }
-        double_layer<Real, Lossy, Mixed>(squares, along, k, Real(0), re + i, im + i, a, b);
+        double_layer<Real, Lossy, Mixed>(squares, along, k, Real(0), a, b, waves);
+        store(waves, re + i, im + i);
     }
 }
 
