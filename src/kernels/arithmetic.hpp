@@ -46,9 +46,9 @@ template <> struct Series<float, true> {  // the polynomial with the least large
     static constexpr int terms = 4;
     float c[terms] = {3.14159028359f, -5.16740769781f, 2.54402081165f, -0.559489911442f};
 };
-template <> struct Series<float, false> {  // likewise, 4.7e-8
-    static constexpr int terms = 5;
-    float c[terms] = {0.999999953467f, -4.93479285868f, 4.05841191416f, -1.3318801612f, 0.219696798471f};
+template <> struct Series<float, false> {  // likewise, 6.8e-6
+    static constexpr int terms = 4;
+    float c[terms] = {0.999993296125f, -4.93393794509f, 4.0412829794f, -1.22212479406f};
 };
 
 // x with its sign changed if `flip` is that of -0.0
