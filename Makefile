@@ -4,7 +4,6 @@
 
 VENV := .venv
 BIN := $(VENV)/bin
-# The tests need the loops for all instruction sets, `make run` only those for the best that this machine has.
 # The build tools stay in .venv. Otherwise, pip would put them into a new folder each time, and compile everything again.
 INSTALL := PIP_CONSTRAINT=constraints.txt $(BIN)/pip install --quiet --no-build-isolation
 KERNELS := CMakeLists.txt pyproject.toml constraints.txt $(wildcard src/kernels/*.* src/kernels/*/*)
@@ -21,6 +20,7 @@ help:
 	@echo "make reproduce  reproduces the experiment of Inoue et al. (2014) in 20 minutes; make reproduce-quick takes 3"
 	@echo "make bench  measures the table in benchmarks/MEASUREMENTS.md"
 
+# Only the tests need the loops for all instruction sets, not only for the best that this machine has.
 $(VENV)/installed: $(KERNELS)
 	@echo "Installing into $(VENV) takes minutes, because packages are downloaded and C++ code is compiled."
 	python3 -m venv $(VENV)
