@@ -20,7 +20,7 @@ help:
 	@echo "make reproduce  reproduces the experiment of Inoue et al. (2014) in 20 minutes; make reproduce-quick takes 3"
 	@echo "make bench  measures the table in benchmarks/MEASUREMENTS.md"
 
-# Only the tests need the loops for all instruction sets, not only for the best that this machine has.
+# The loops for the best instruction set of this machine are enough here; the tests compile those for the others, too.
 $(VENV)/installed: $(KERNELS)
 	@echo "Installing into $(VENV) takes minutes, because packages are downloaded and C++ code is compiled."
 	python3 -m venv $(VENV)

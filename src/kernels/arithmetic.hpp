@@ -57,7 +57,7 @@ template <class Real> inline Real flipped(Real x, typename Traits<Real>::Bits fl
     return bits<Real>(static_cast<Bits>(bits<Bits>(x) ^ flip));
 }
 
-// sin(pi t) and cos(pi t), |t| < 2^21, both `flipped` by what it returns
+// sin(pi t) and cos(pi t), |t| < 2^21, but `flipped` by what it returns
 template <class Real> inline typename Traits<Real>::Bits flipped_sincospi(Real t, Real &sine, Real &cosine) {
     using T = Traits<Real>;
     static constexpr Series<Real, true> S{};
@@ -73,6 +73,7 @@ template <class Real> inline typename Traits<Real>::Bits flipped_sincospi(Real t
     return flip;
 }
 
+// sin(pi t) and cos(pi t), |t| < 2^21
 template <class Real> inline void sincospi(Real t, Real &sine, Real &cosine) {
     Real s, c;
     const auto flip = flipped_sincospi(t, s, c);

@@ -89,18 +89,17 @@ struct Variant {
       &v::hull_gaps, &v::project_on_hulls, &v::grade_sizes, &v::even_pass, &v::gerchberg_saxton,                      \
       &v::surface_integral, &v::normal_derivative }
 
-static std::vector<Variant> runnable() {  // on this machine, the best last
+// The compiled variants that this machine runs, the best last. CMakeLists.txt defines the condition of each.
+static std::vector<Variant> runnable() {
     std::vector<Variant> found;
-#ifdef AIRTACT_HAS_baseline
-    found.push_back(AIRTACT_TABLE(baseline));
+#ifdef AIRTACT_RUNS_baseline
+    if (AIRTACT_RUNS_baseline) found.push_back(AIRTACT_TABLE(baseline));
 #endif
-#ifdef AIRTACT_HAS_avx2
-    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) found.push_back(AIRTACT_TABLE(avx2));
+#ifdef AIRTACT_RUNS_avx2
+    if (AIRTACT_RUNS_avx2) found.push_back(AIRTACT_TABLE(avx2));
 #endif
-#ifdef AIRTACT_HAS_avx512
-    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("avx512f") &&
-        __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512vl"))
-        found.push_back(AIRTACT_TABLE(avx512));
+#ifdef AIRTACT_RUNS_avx512
+    if (AIRTACT_RUNS_avx512) found.push_back(AIRTACT_TABLE(avx512));
 #endif
     return found;
 }

@@ -18,17 +18,17 @@ K = 732.5
 
 
 def board(distance: float, width: float = 0.15) -> np.ndarray:
-    """1020 points on a square board in front of the origin, twelve on each face."""
+    """2040 points on a square board in front of the origin, twelve on each face."""
     angle = 2 * np.pi * np.arange(12) / 12
     radius = np.tile([4e-3, 2e-3], 6)
     face = np.stack([radius * np.cos(angle), radius * np.sin(angle), 0 * angle], axis=1)
-    along = np.linspace(-width / 2, width / 2, 10)
-    x, y = np.meshgrid(along, along[:9])
-    centres = np.stack([x.ravel(), y.ravel(), np.full(x.size, distance)], axis=1)[:85]
+    along = np.linspace(-width / 2, width / 2, 14)
+    x, y = np.meshgrid(along, along[:13])
+    centres = np.stack([x.ravel(), y.ravel(), np.full(x.size, distance)], axis=1)[:170]
     return (centres[:, None] + face).reshape(-1, 3)
 
 
-def body(radius: float, count: int = 1300) -> np.ndarray:
+def body(radius: float, count: int = 2600) -> np.ndarray:
     return radius * directions(count, 1) * [1, 1.5, 0.4]
 
 
@@ -44,11 +44,11 @@ PLACES = {
     "two boards": (body(0.06), np.concatenate([board(0.15), board(-0.1)[:, [2, 0, 1]]])),
     "small body": (body(6e-3), board(0.15)),
     "elements as receivers": (board(0.12), body(0.05)),
-    "two clouds in each other": (cloud(0.05, 1100), cloud(0.051, 1200) + 1e-3),
+    "two clouds in each other": (cloud(0.05, 2100), cloud(0.051, 2200) + 1e-3),
     "few receivers": (body(0.06, 3), board(0.15)),
     "few sources": (body(0.06), board(0.15)[:5]),
     "one of each": (body(0.06, 1), board(0.15)[:1]),
-    "all receivers in one place": (np.full((900, 3), 0.01), board(0.15)),
+    "all receivers in one place": (np.full((1500, 3), 0.01), board(0.15)),
     "a line": (body(0.06) * [1, 0, 0], board(0.15)),
 }
 
